@@ -12,8 +12,8 @@ from invariantqp.lazy import loaded_on_use
 
 if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.workbench.analysis.inspection import Inspection as Inspection
-    from invariantqp.workbench.analysis.inspection import Recommendation as Recommendation
     from invariantqp.workbench.analysis.inspection import inspect as inspect
+    from invariantqp.workbench.analysis.recommendation import Recommendation as Recommendation
     from invariantqp.workbench.analysis.survey import Survey as Survey
     from invariantqp.workbench.pictures.inspection import pitch_picture as pitch_picture
     from invariantqp.workbench.pictures.run import picture as picture

@@ -1,7 +1,4 @@
-"""An HTML page made from a template: values are escaped, and a value is never read as a template itself.
-
-fill_template("invariantqp.workbench.view", "page.html", {"title": "<b>{{ x }}</b>"})    shows "<b>{{ x }}</b>"
-"""
+"""HTML pages from Jinja templates."""
 
 from __future__ import annotations
 
@@ -13,7 +10,7 @@ from invariantqp.extras import require
 
 
 def fill_template(package: str, template: str, values: Mapping[str, Any]) -> str:
-    """The text of a package's template in Jinja's syntax with its values: escaped, unless it marks them as `safe`."""
+    """A package's template filled with values, which are escaped unless the template marks them as `safe`."""
     require("pictures", "jinja2")
     from jinja2 import Environment, StrictUndefined
 

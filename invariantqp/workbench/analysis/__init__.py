@@ -1,1 +1,1 @@
-"""What can be said of an arm before it moves: singular states, principal pitches, the form to give it."""
+"""Properties of an arm before it moves. In: a robot. Out: its screw systems over the joint range and a pitch for it."""

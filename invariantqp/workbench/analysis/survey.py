@@ -1,6 +1,6 @@
-"""Many states of an arm, spread over its joint range: what is true of the arm, not of one state.
+"""An arm in many states, spread evenly over its joint range.
 
-    x_k = frac(x_0 + k a),   a_i = 1 / phi^i,   phi^(m+1) = phi + 1     (evenly spread, the same in every run)
+    x_k = frac(1/2 + k a),   a_i = 1 / phi^i,   phi^(m+1) = phi + 1     (evenly spread, the same in every run)
 
 Reference: the sequence is Roberts', a generalisation of the golden ratio's to m dimensions.
 """
@@ -14,21 +14,21 @@ from typing import Any
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.robots.kinematics import Robot, joint_ranges, remembered
-from invariantqp.systems.report import describe
+from invariantqp.robots.kinematics import Robot, joint_ranges
+from invariantqp.systems import describe
 
 
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """Many states of an arm.
+    """Screw systems of an arm in n states.
 
     Attributes:
         q: (n, m) joint positions.
-        rank: (n,).
+        rank: (n,) ranks.
         types: (n,) Gibson-Hunt names.
         pitches: (n, 6) principal pitches, ascending, NaN where there are fewer [length/rad].
-        blind: (n,) number of blind directions; above zero no pitch works in that state.
-        distance: (n,) from a singularity, as `SystemReport.singularity_distance`.
+        blind: (n,) number of blind directions; no pitch works in a state that has any.
+        distance: (n,) distance from a singularity, as `SystemReport.singularity_distance`.
     """
 
     q: Array
@@ -45,7 +45,7 @@ class Survey:
 
     @property
     def regular(self) -> Array:
-        """(n,) bool: the states of that rank."""
+        """(n,) bool: whether a state has that rank."""
         return np.asarray(self.rank == self.attainable_rank)
 
     @property
@@ -55,20 +55,20 @@ class Survey:
 
     @property
     def all_pitches(self) -> Array:
-        """Every principal pitch of every regular state, in no order."""
+        """All principal pitches of all regular states, unordered."""
         pitches = self.pitches[self.regular]
         return np.asarray(pitches[np.isfinite(pitches)])
 
     def as_json(self) -> dict[str, Any]:
-        """Statistics; SI units."""
+        """Statistics of the states; SI units."""
         n = len(self.rank)
-        finite = self.all_pitches
+        pitches = self.all_pitches
         return {
             "count": n,
             "ranks": {str(k): c / n for k, c in sorted(Counter(self.rank.tolist()).items(), reverse=True)},
             "types": {name: c / n for name, c in Counter(self.types).most_common()},
             "blind_share": self.blind_share,
-            "principal_pitches": _quantiles(finite) if len(finite) else None,
+            "principal_pitches": _quantiles(pitches) if len(pitches) else None,
             "singularity_distance": _quantiles(self.distance),
         }
 
@@ -78,12 +78,12 @@ def _quantiles(values: Array) -> dict[str, float]:
     return {name: float(np.quantile(values, share)) for name, share in names.items()}
 
 
-def spread(robot: Robot, samples: int, origin: Array | float = 0.5) -> Array:
-    """(n, m) joint positions spread evenly over the joint range; x_0, in [0, 1), is where the sequence begins."""
-    low, high = remembered(robot, "ranges", joint_ranges)
+def spread(robot: Robot, samples: int) -> Array:
+    """(n, m) joint positions spread evenly over the joint range."""
+    low, high = joint_ranges(robot)
     m = len(low)
     phi = max(np.roots([1.0, *[0.0] * (m - 1), -1.0, -1.0]).real)
-    share = (origin + np.arange(1.0, samples + 1.0)[:, None] * phi ** -np.arange(1.0, m + 1.0)) % 1.0
+    share = (0.5 + np.arange(1.0, samples + 1.0)[:, None] * phi ** -np.arange(1.0, m + 1.0)) % 1.0
     return np.asarray(low + share * (high - low))
 
 

@@ -1,4 +1,4 @@
-"""The command line. A file for each command but the shortest; `console` has what they share."""
+"""The command line: a file for each command but the shortest, and `console` for what they share."""
 
 from __future__ import annotations
 
@@ -40,22 +40,22 @@ def main() -> None:
     warnings.showwarning = _show_warning
     sentences: list[str] = []
     try:
-        status = _called()
+        status = _run_app()
         sys.stdout.flush()
-    except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001 (what is none of ours is reported as a defect)
+    except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001 (any other error is reported as a defect)
         status, sentences = _outcome(error)
         if isinstance(error, OSError):
-            _forget(sys.stdout)
+            _discard(sys.stdout)
     try:
         for sentence in sentences:
             say(sentence, style="red")
-    except (OSError, SystemExit):  # standard error is gone or full too
-        _forget(sys.stderr)
+    except (OSError, SystemExit):  # standard error is closed or full, too
+        _discard(sys.stderr)
     sys.exit(status)
 
 
 def _outcome(error: BaseException) -> tuple[int, list[str]]:
-    """The status that an error leaves with, and what to say of it."""
+    """The exit status of an error, and its messages."""
     match error:
         case NotAccepted():
             return Exit.NOT_ACCEPTED, [f"not accepted: {reason}" for reason in error.reasons]
@@ -75,32 +75,32 @@ def _outcome(error: BaseException) -> tuple[int, list[str]]:
     ]
 
 
-def _called() -> int:
-    """The status with which Typer leaves, or Rich: 1 is what they leave with where nobody reads their output."""
+def _run_app() -> int:
+    """The exit status of Typer and Rich; theirs of a closed pipe is 1."""
     try:
         app()
-    except SystemExit as leaving:
-        if leaving.code == 1:
-            _forget(sys.stdout)
+    except SystemExit as error:
+        if error.code == 1:
+            _discard(sys.stdout)
             return Exit.NOT_WRITTEN
-        return leaving.code if isinstance(leaving.code, int) else Exit.DONE
+        return error.code if isinstance(error.code, int) else Exit.DONE
     return Exit.DONE
 
 
-def _forget(stream: TextIO) -> None:
-    """Let what could not be written go nowhere. Python would try again when it ends, and leave with status 120."""
-    with suppress(OSError, ValueError):  # a stream that is no file needs none of this
+def _discard(stream: TextIO) -> None:
+    """Discard what could not be written: Python would try again at its end, and leave with status 120."""
+    with suppress(OSError, ValueError):  # a stream without a file
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
-    """A warning as a note, without the line of code that it comes from."""
+    """Print a warning as a note, without its line of code."""
     with suppress(OSError, SystemExit):
         say(f"note: {message}", style="yellow")
 
 
-def _version(wanted: bool) -> None:
-    if wanted:
+def _version(is_given: bool) -> None:
+    if is_given:
         print(f"invariantqp {__version__}")
         raise typer.Exit
 

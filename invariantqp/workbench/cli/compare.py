@@ -1,4 +1,4 @@
-"""`invariantqp compare`: our law and other methods on the same tasks, in tables, a chart and a page."""
+"""`invariantqp compare`: our law and other methods on the same tasks, as tables, a chart and a page."""
 
 from __future__ import annotations
 
@@ -70,14 +70,14 @@ def compare(
     from invariantqp.workbench.compare.tables import broken_promises
 
     folder("--out", out)
-    todo = tasks_of(tasks or (), arms, kinds, seed, quick=quick)
-    with writing(out):  # before the measuring, not after it
+    bed_tasks = tasks_of(tasks or (), arms, kinds, seed, quick=quick)
+    with writing(out):  # refused before the work
         out.mkdir(parents=True, exist_ok=True)
     with progress("measuring", quiet) as report:
-        results = sweep(todo, rows, seed=seed, quick=quick, jobs=jobs, progress=report)
+        results = sweep(bed_tasks, rows, seed=seed, quick=quick, jobs=jobs, progress=report)
     if not quiet:
         print_comparison(results)
-        say_what_is_left_out([row for row in rows if row.name not in {m["name"] for m in results["methods"]}], quick)
+        report_omitted([row for row in rows if row.name not in {m["name"] for m in results["methods"]}], quick)
     with writing(out):
         write_results(out / "results.json", results)
         files = write_report(results, out)
@@ -89,7 +89,11 @@ def compare(
 
 
 def make_environments(rows: list[Any]) -> None:
-    """Make the environment of each method that needs its own; NotAccepted with those that could not be made."""
+    """Make the environment of each method that needs its own.
+
+    Raises:
+        NotAccepted: with the environments that failed.
+    """
     from invariantqp.workbench.compare.environments import folder as place
     from invariantqp.workbench.compare.environments import make
 
@@ -102,15 +106,15 @@ def make_environments(rows: list[Any]) -> None:
         raise NotAccepted(failed)
 
 
-def say_what_is_left_out(rows: list[Any], quick: bool) -> None:
-    """Name the methods that were not measured, and what would bring them."""
+def report_omitted(rows: list[Any], quick: bool) -> None:
+    """Print the methods that were not measured, and how to install them."""
     slow = [row.name for row in rows if quick and row.slow]
-    here = [row.name for row in rows if not row.environment and row.name not in slow]
-    apart = [row.name for row in rows if row.environment]
+    missing = [row.name for row in rows if not row.environment and row.name not in slow]
+    separate = [row.name for row in rows if row.environment]
     parts = (
         (slow, "left out by --quick: {}"),
-        (here, f"not installed: {{}}. Run: {install_command('peers')}"),
-        (apart, "not installed: {}. Run: invariantqp compare --setup"),
+        (missing, f"not installed: {{}}. Run: {install_command('peers')}"),
+        (separate, "not installed: {}. Run: invariantqp compare --setup"),
     )
     for names, sentence in parts:
         if names:
@@ -118,7 +122,7 @@ def say_what_is_left_out(rows: list[Any], quick: bool) -> None:
 
 
 def print_comparison(results: dict[str, Any]) -> None:
-    """The tables of a comparison, and what failed."""
+    """Print the tables of a comparison, and the number of failed runs."""
     from invariantqp.workbench.compare.results import failures
     from invariantqp.workbench.compare.tables import RULE, losses, summary
 

@@ -1,6 +1,6 @@
-"""What commands share: exit statuses, messages on standard error, numbers to read, files to write.
+"""Shared by the commands: exit statuses, messages on standard error, lists of numbers, files to write.
 
-What cannot be written is refused before the work is done, as far as can be known.
+Files that cannot be written are refused before the work, as far as that can be known.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ class Exit(IntEnum):
     """Exit statuses."""
 
     DONE = 0
-    NOT_ACCEPTED = 1  # a run or a comparison; used for nothing else
+    NOT_ACCEPTED = 1  # of a run or a comparison only
     BAD_INPUT = 2
-    NOT_WRITTEN = 3  # standard output or a file: a full disk, a reader that is gone
+    NOT_WRITTEN = 3  # standard output or a file: a full disk, a closed pipe
     DEFECT = 4  # of this program
     INTERRUPTED = 130  # by Ctrl-C, as shells have it
 
@@ -42,12 +42,12 @@ ToolFrame = Annotated[
 ]
 PICTURES = (".png", ".svg", ".pdf")
 PAGES = (".html",)
-# Width of paragraphs and of tables where no terminal says how wide it is.
+# Width of paragraphs and of tables without a terminal.
 PLAIN_WIDTH, WIDEST = 100, 180
 
 
 class NotAccepted(Exception):
-    """A run or a comparison is done, and its acceptance numbers are not met, for the reasons given."""
+    """A run or a comparison does not meet its acceptance numbers."""
 
     def __init__(self, reasons: list[str]) -> None:
         self.reasons = reasons
@@ -55,17 +55,17 @@ class NotAccepted(Exception):
 
 
 class NotWritten(Exception):
-    """A file could not be written to its end; its message names the file and says why."""
+    """A file could not be written completely; the message names it and says why."""
 
 
 def say(sentence: str, *, style: str | None = None) -> None:
-    """Print on standard error what is not a result."""
+    """Print a message on standard error."""
     Console(stderr=True, highlight=False, soft_wrap=True).print(sentence, style=style, markup=False)
 
 
 @contextmanager
 def progress(what: str, quiet: bool) -> Iterator[Callable[[int, int], None] | None]:
-    """A progress bar on standard error, moved by (steps done, steps in all); None when quiet or when nobody watches."""
+    """A progress bar on standard error, set by (steps done, all steps); None if quiet or without a terminal."""
     console = Console(stderr=True)
     if quiet or not console.is_terminal:
         yield None
@@ -80,16 +80,16 @@ def progress(what: str, quiet: bool) -> Iterator[Callable[[int, int], None] | No
 def numbers(option: str, text: str) -> list[float]:
     """Numbers separated by commas or spaces."""
     try:
-        found = [float(word) for word in text.replace(",", " ").split()]
+        values = [float(word) for word in text.replace(",", " ").split()]
     except ValueError:
-        found = []
-    if not found:
+        values = []
+    if not values:
         raise BadInput(option, repr(text), "numbers, such as 0,0.5,-1")
-    return found
+    return values
 
 
 def writable(option: str, file: Path | None, suffixes: tuple[str, ...] = ()) -> None:
-    """Refuse a file that cannot be written, or whose ending is that of another kind of file."""
+    """Refuse a file that cannot be written, or with another ending than `suffixes`."""
     if file is None:
         return
     if not file.name or file.is_dir():
@@ -103,7 +103,7 @@ def writable(option: str, file: Path | None, suffixes: tuple[str, ...] = ()) -> 
 
 
 def folder(option: str, out: Path) -> None:
-    """Refuse a folder that can neither be written to nor made."""
+    """Refuse a folder that can be neither written to nor made."""
     place = next(place for place in (out, *out.absolute().parents) if place.exists())
     if not place.is_dir():
         raise BadInput(option, f"{place}, a file", "a folder, or a place where one can be made")
@@ -113,7 +113,7 @@ def folder(option: str, out: Path) -> None:
 
 @contextmanager
 def writing(file: Path) -> Iterator[None]:
-    """Say which file it was that could not be written, for lack of space for instance: `NotWritten`."""
+    """Raise `NotWritten` with the name of the file if writing it fails."""
     try:
         yield
     except (OSError, BadInput) as error:

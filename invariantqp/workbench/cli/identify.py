@@ -1,4 +1,4 @@
-"""`invariantqp identify`: which contact a recording shows, as a table and on a page."""
+"""`invariantqp identify`: the contact that a recording shows, as a table and on a page."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from invariantqp.identification.identify import Identification
     from invariantqp.robots.kinematics import Robot
 
-# A pitch above this many lengths a radian is a slide, one below its inverse a turn, in words.
-FLAT = 1e3
+# A pitch above this [length/rad] is printed as a slide, one below its inverse as a turn.
+MAX_PITCH = 1e3
 
 
 def identify(
@@ -78,47 +78,48 @@ def identify(
         require("pictures", "jinja2")
     if tool is not None and robot is None:
         raise BadInput("--tool", "no --robot beside it", "--robot too")
-    frame = _frame(mount)
-    place = numbers("--centre", centre)
-    off = None if accuracy is None else numbers("--accuracy", accuracy)
-    if off is not None and len(off) != 2:
+    tolerance = None if accuracy is None else numbers("--accuracy", accuracy)
+    if tolerance is not None and len(tolerance) != 2:
         raise BadInput("--accuracy", accuracy or "", "two numbers: degrees and a length")
     loaded: Robot | None = None if robot is None else load_arm(robot, tool)
     file = read_recording(recording, loaded)
-    sensor = WrenchSensor(frame, order="moment first", reads=reads, mass=mass, centre=place)  # type: ignore[arg-type]
+    frame, centre_of_mass = _frame(mount), numbers("--centre", centre)
+    sensor = WrenchSensor(frame, order="moment first", reads=reads, mass=mass, centre=centre_of_mass)  # type: ignore[arg-type]
     if file.unused_columns:
         say(f"note: not used: {', '.join(file.unused_columns)}", style="yellow")
     steps = np.diff(file.seconds)
-    if len(steps) and steps.max() > 1.5 * np.median(steps):  # nearer to two of the usual ones than to one
+    if len(steps) and steps.max() > 1.5 * np.median(steps):  # a sample is missing
         say("note: samples are missing: time has gaps, and samples are taken as evenly spaced", style="yellow")
     options: dict[str, Any] = {"kinds": kind, "sensor": sensor}
-    if off is not None:
-        options["accuracy"] = (np.deg2rad(off[0]), off[1])
-    found = identify_contact(file.poses, file.readings, **options)
+    if tolerance is not None:
+        options["accuracy"] = (np.deg2rad(tolerance[0]), tolerance[1])
+    result = identify_contact(file.poses, file.readings, **options)
     if json_file is not None:
-        write(json_file, json.dumps(found.as_json(), indent=1) + "\n")
+        write(json_file, json.dumps(result.as_json(), indent=1) + "\n")
     if view is not None:
         from invariantqp.workbench.view.page import page
         from invariantqp.workbench.view.recorded import timeline_of_recording
 
-        write(view, page(timeline_of_recording(found, file, sensor, loaded, robot, recording.stem)))
-    print_identification(found, recording.name, file.seconds)
+        write(view, page(timeline_of_recording(result, file, sensor, loaded, robot, recording.stem)))
+    print_identification(result, recording.name, file.seconds)
 
 
 def _frame(text: str) -> Any:
     """(4, 4) of x, y, z, or x, y, z, qx, qy, qz, qw."""
     from invariantqp.identification.recording_files import POSE_COLUMNS, quaternion_poses
 
-    found = numbers("--mount", text)
-    if len(found) not in (3, len(POSE_COLUMNS)):
+    values = numbers("--mount", text)
+    if len(values) not in (3, len(POSE_COLUMNS)):
         raise BadInput("--mount", repr(text), "3 numbers, x,y,z, or 7, x,y,z,qx,qy,qz,qw")
-    return quaternion_poses(np.array([[*found, *[0.0, 0.0, 0.0, 1.0][: len(POSE_COLUMNS) - len(found)]]]), "--mount")[0]
+    return quaternion_poses(np.array([[*values, *[0.0, 0.0, 0.0, 1.0][: len(POSE_COLUMNS) - len(values)]]]), "--mount")[
+        0
+    ]
 
 
-def print_identification(found: Identification, name: str, time: Array) -> None:
-    """Which contact a recording shows, where it is, and what it leaves open."""
+def print_identification(result: Identification, name: str, time: Array) -> None:
+    """Print the identified contacts, where they are, and what the recording leaves open."""
     console = Console(highlight=False, soft_wrap=True)
-    for part in found.segments:
+    for part in result.segments:
         kind = f"[bold]{part.kind}[/bold]" if part.kind else "[bold]undecided[/bold]"
         console.print(f"{escape(name)}, {time[part.start]:.2f} to {time[part.stop - 1]:.2f} s: {kind}")
         if part.reason:
@@ -136,7 +137,7 @@ def print_identification(found: Identification, name: str, time: Array) -> None:
 
 
 def _places(c: Candidate) -> Iterator[str]:
-    """Where a contact is, with standard deviations."""
+    """Normal, axis, point and pitch of a contact, with standard deviations."""
     deviations = c.deviations
     surface, tip = {"tool": ("tool", "base"), "base": ("base", "tool"), "both": ("base", "base")}[c.fixed_to]
     edge = c.kind == "line"
@@ -165,8 +166,8 @@ def _motion(twist: Array) -> str:
         return ", ".join(f"{x:.2f}" for x in a)
 
     h = pitch(twist)
-    if abs(h) > FLAT:
+    if abs(h) > MAX_PITCH:
         return f"a slide along ({direction(twist[3:] / np.linalg.norm(twist[3:]))})"
     along, place = axis(twist)
-    screw = "" if abs(h) < 1.0 / FLAT else f", sliding by {h:.2g} a radian"
+    screw = "" if abs(h) < 1.0 / MAX_PITCH else f", sliding by {h:.2g} a radian"
     return f"a turn about ({direction(along)}) through ({direction(place)}){screw}"

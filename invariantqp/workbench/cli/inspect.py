@@ -1,4 +1,4 @@
-"""`invariantqp inspect`: what an arm can do, and which form to give it."""
+"""`invariantqp inspect`: the properties of an arm, and the pitch to split its twists by."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ from invariantqp.workbench.cli.console import (
 )
 
 if TYPE_CHECKING:
-    from invariantqp.control.clearance import Clearance
     from invariantqp.geometry.arrays import Array
+    from invariantqp.limits import Clearance
     from invariantqp.workbench.analysis.inspection import Inspection
 
 
@@ -71,52 +71,54 @@ def inspect(
         require("pictures", "matplotlib")
     loaded = load_arm(robot, tool)
     state = None if q is None else numbers("--q", q)
-    many = {} if samples is None else {"samples": samples}
-    found = inspect_arm(loaded, name=robot, q=state, **many)
+    options = {} if samples is None else {"samples": samples}
+    inspection = inspect_arm(loaded, name=robot, q=state, **options)
     if state is not None:
-        refuse(not_believed(loaded, found.q, no_degrees(loaded, loaded.jacobian(found.q))), "--q")
-    apart = None
+        refuse(not_believed(loaded, inspection.q, no_degrees(loaded, loaded.jacobian(inspection.q))), "--q")
+    limit = None
     if clearance:
-        from invariantqp.control.clearance import Clearance
+        from invariantqp.limits import Clearance
 
-        apart = Clearance(loaded)
+        limit = Clearance(loaded)
     if json_file is not None:
-        content = found.as_json()
-        if apart is not None:
-            near = apart.at(found.q)
+        content = inspection.as_json()
+        if limit is not None:
+            nearest = limit.at(inspection.q)
             content["clearance"] = {
-                "bodies": {name: len(shapes) for name, shapes in apart.bodies.items()},
-                "nearest": {"bodies": near[:2], "distance": near.distance} if near.first else None,
-                "pairs": apart.pairs,
-                "dropped": apart.dropped,
+                "bodies": {name: len(shapes) for name, shapes in limit.bodies.items()},
+                "nearest": {"bodies": nearest[:2], "distance": nearest.distance} if nearest.first else None,
+                "pairs": limit.pairs,
+                "dropped": limit.dropped,
             }
         write(json_file, json.dumps(content, indent=1) + "\n")
     if plot is not None:
         with writing(plot):
-            if apart is None:
+            if limit is None:
                 from invariantqp.workbench.pictures.inspection import pitch_picture
 
-                pitch_picture(found, loaded, plot)
+                pitch_picture(inspection, loaded, plot)
             else:
                 from invariantqp.workbench.pictures.inspection import bodies_picture
 
-                bodies_picture(apart, found.q, plot)
-    print_inspection(found)
-    if apart is not None:
-        print_clearance(apart, found.q)
+                bodies_picture(limit, inspection.q, plot)
+    print_inspection(inspection)
+    if limit is not None:
+        print_clearance(limit, inspection.q)
 
 
-def print_inspection(found: Inspection) -> None:
-    """An arm in words: the given state, its joint range, and the pitch to split twists by."""
+def print_inspection(inspection: Inspection) -> None:
+    """Print the state, the joint range, and the pitch to split twists by."""
     console = Console(highlight=False, soft_wrap=True)
     width = console.width if console.is_terminal else PLAIN_WIDTH
-    advice = found.recommended
+    advice = inspection.recommended
     use = "no form, and no pitch for splits" if advice.h is None else f"no form; for splits the pitch h = {advice.h:g}"
-    console.print(f"[bold]{escape(found.robot)}[/bold], {len(found.joints)} joints to {escape(found.tool)}")
+    console.print(
+        f"[bold]{escape(inspection.robot)}[/bold], {len(inspection.joints)} joints to {escape(inspection.tool)}"
+    )
     for title, words in (
-        ("to use it", found.use_words()),
-        (f"{found.where}, q = ({', '.join(f'{x:.4g}' for x in found.q)})", found.state_words()),
-        (f"over the joint range, {len(found.survey.q)} states", found.range_words()),
+        ("to use it", inspection.use_words()),
+        (f"{inspection.where}, q = ({', '.join(f'{x:.4g}' for x in inspection.q)})", inspection.state_words()),
+        (f"over the joint range, {len(inspection.survey.q)} states", inspection.range_words()),
         (f"recommended: {use}", (advice.reason,)),
     ):
         console.print(f"\n[bold]{title}[/bold]")
@@ -126,14 +128,16 @@ def print_inspection(found: Inspection) -> None:
 
 
 def print_clearance(clearance: Clearance, q: Array) -> None:
-    """The bodies of an arm, how near they are at joint positions q (m,), and which are kept apart, or why not."""
+    """Print the bodies of an arm, the nearest two at joint positions q (m,), and the pairs kept apart or dropped."""
     console = Console(highlight=False, soft_wrap=True)
     console.print("\n[bold]bodies[/bold]")
     for name, shapes in clearance.bodies.items():
         kinds = Counter(shape.label for shape in shapes)
         console.print(f"  {name}: {', '.join(f'{n} x {kind}' for kind, n in kinds.items())}", markup=False)
-    near = clearance.at(q)
-    console.print(f"  nearest where the arm is: {near}" if near.first else "  no two of them can touch", markup=False)
+    nearest = clearance.at(q)
+    console.print(
+        f"  nearest where the arm is: {nearest}" if nearest.first else "  no two of them can touch", markup=False
+    )
     console.print(f"\n[bold]clearance: {len(clearance.pairs)} pairs of links are kept apart[/bold]")
     for name in dict.fromkeys(first for first, _ in clearance.pairs):
         others = ", ".join(second for first, second in clearance.pairs if first == name)

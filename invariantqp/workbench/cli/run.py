@@ -1,4 +1,4 @@
-"""`invariantqp run`: a task in closed loop, and where it is written, drawn and shown."""
+"""`invariantqp run`: a task in closed loop, written to files and shown in a browser."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ if TYPE_CHECKING:
 
 
 class ViewAlone(TyperCommand):
-    """A command whose --view may stand alone (--view means --view=) or before a file (--view a.html, --view=a.html)."""
+    """A command whose --view takes an optional file: --view, --view a.html, --view=a.html."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Join --view and its file, if it has one: a task's name has no ending, and a task's file has .toml."""
+        """Join --view and its file, if any: a task's name has no ending, and a task file has .toml."""
         joined: list[str] = []
         for word in args:
             after_view = joined[-1:] == ["--view="]
@@ -99,7 +99,7 @@ def run(
         require("pictures", "matplotlib")
     if physics == "mujoco":
         require("sim", "mujoco")
-    page, viewer = _watched(ctx, problem, view, quiet)
+    page, viewer = _view_of(ctx, problem, view, quiet)
     overrides: dict[str, Any] = {} if backend is None else {"backend": backend}
     with progress("running", quiet) as report:
         observer = _observer(report, viewer, problem.ticks)
@@ -118,7 +118,7 @@ def run(
 
 
 def _observer(report: Callable[[int, int], None] | None, viewer: Viewer | None, ticks: int) -> Observer:
-    """What a run tells of each tick, to a bar and to a browser."""
+    """An observer that updates a progress bar and a browser."""
 
     def observer(tick: int, state: PlantState, solution: VelocitySolution) -> None:
         if report is not None:
@@ -129,8 +129,8 @@ def _observer(report: Callable[[int, int], None] | None, viewer: Viewer | None, 
     return observer
 
 
-def _watched(ctx: Any, task: Task, view: str | None, quiet: bool) -> tuple[Path | None, Viewer | None]:
-    """Where a run is to be seen: a page to write, or a browser that shows it from now on; neither without --view."""
+def _view_of(ctx: Any, task: Task, view: str | None, quiet: bool) -> tuple[Path | None, Viewer | None]:
+    """The page to write or the viewer that serves the run from now on; neither without --view."""
     if view is None:
         return None, None
     require("pictures", "jinja2")
@@ -153,7 +153,7 @@ def _watched(ctx: Any, task: Task, view: str | None, quiet: bool) -> tuple[Path 
 
 
 def _write(trace: Trace, json_file: Path | None, plot: Path | None, page: Path | None) -> None:
-    """The files that options name."""
+    """Write the files of the options."""
     if json_file is not None:
         write(json_file, json.dumps(trace.as_json(), indent=1) + "\n")
     if plot is not None:
@@ -169,7 +169,7 @@ def _write(trace: Trace, json_file: Path | None, plot: Path | None, page: Path |
 
 
 def _play(viewer: Viewer, trace: Trace, quiet: bool) -> None:
-    """Show a run that is done until Ctrl-C."""
+    """Serve a finished run until Ctrl-C."""
     with suppress(KeyboardInterrupt):
         if not quiet:
             say("playing; Ctrl-C ends it")
@@ -177,7 +177,7 @@ def _play(viewer: Viewer, trace: Trace, quiet: bool) -> None:
 
 
 def print_run(trace: Trace) -> None:
-    """A run's figures, and whether it is accepted."""
+    """Print the figures of a run, and whether it is accepted."""
     figures = trace.summary()
     console = Console(highlight=False, soft_wrap=True)
     console.print(f"[bold]{escape(figures['task'])}[/bold]  {escape(trace.task.about)}")
@@ -233,7 +233,7 @@ def _path_lines(along: PathTrace, figures: dict[str, Any]) -> Iterator[str]:
 
 
 def print_frame_check(trace: Trace, seed: int) -> None:
-    """How much other frames, of the tool, and in contact of sensor and contact too, change a run."""
+    """Print how other frames of the tool, and in contact of sensor and contact, change a run."""
     from invariantqp.workbench.runs.frames import frame_check
 
     contact = trace.contact is not None
@@ -250,7 +250,7 @@ def print_frame_check(trace: Trace, seed: int) -> None:
 
 
 def percent(share: float) -> str:
-    """A share in words."""
+    """A share in percent."""
     return f"{100.0 * share:.3g} %"
 
 

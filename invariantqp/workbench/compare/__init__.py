@@ -1,11 +1,13 @@
-"""Other methods of velocity control beside ours, measured on the same tasks at equal information.
+"""Methods of velocity control, ours and others, measured on the same tasks with equal information.
 
-method                     what a method is, and what all are given
+In: names of tasks and methods. Out: results.json, tables, a chart and a page.
+
+method                     what a method is, and what every method is given
 ours  by_hand  libraries   the methods
-arms  tasks                the bed: kinds of tasks on five arms
-worker  drive              a process for each environment; methods in turn
-environments               environments for libraries that exclude one another
-figures                    what a run is judged by, and when one dominates another
+arms  tasks                the bed: kinds of tasks on five arms, and task files
+worker  drive              a process for each environment, methods in turn
+environments               Python environments of libraries that exclude one another
+figures                    errors, accelerations and settling time of a run; dominance
 sweep  results             all methods on all tasks; results.json
-tables  report             tables, chart and page made from it
+tables  report             tables, chart and page of it
 """

@@ -1,4 +1,4 @@
-"""The arms of the bed, and any arm as a URDF without meshes that every library reads alike."""
+"""The arms of the bed, and URDFs without meshes that every library reads alike."""
 
 from __future__ import annotations
 
@@ -34,20 +34,18 @@ JOINT = (
 
 
 def arm(name: str, seed: int = 0) -> Chain:
-    """One of STARTS; `seed` is that of the random arm."""
-    if name == "random4":
-        return random_arm(4, seed)
-    return as_chain(load_robot(name))
+    """One of the arms of STARTS; `seed` is that of the random arm."""
+    return random_arm(4, seed) if name == "random4" else as_chain(load_robot(name))
 
 
 def as_chain(robot: Robot) -> Chain:
     """The screws and limits of an arm alone."""
-    still, limits = np.zeros(len(robot.names)), (robot.position_lower, robot.position_upper, robot.velocity_limit)
-    return Chain(robot.jacobian(still), robot.pose(still), robot.names, *limits)
+    zero, limits = np.zeros(len(robot.names)), (robot.position_lower, robot.position_upper, robot.velocity_limit)
+    return Chain(robot.jacobian(zero), robot.pose(zero), robot.names, *limits)
 
 
 def random_arm(m: int, seed: int) -> Chain:
-    """m hinges with random axes, a metre long in all, limits of 2.5 rad and 2 rad/s."""
+    """An arm of m hinges with random axes, one metre long, with limits of 2.5 rad and 2 rad/s."""
     rng = np.random.default_rng([seed, m])
     point, hinges = np.zeros(3), []
     for _ in range(m):
@@ -59,47 +57,49 @@ def random_arm(m: int, seed: int) -> Chain:
 
 
 def chain_of(spec: LoopSpec) -> Chain:
-    """The arm of a spec, with its limits."""
+    """The arm of a spec."""
     return Chain(spec.screws, spec.home, spec.names, spec.lower, spec.upper, spec.velocity_limit)
 
 
 def joint_frames(robot: Chain) -> list[tuple[bool, Array]]:
-    """Whether each joint is a slide, and a frame (4, 4) at q = 0 with the joint along its z axis, base first.
+    """Whether each joint is prismatic, and a frame (4, 4) at q = 0 with the joint along its z axis, base first.
 
-    Helical joints are refused: the models of other libraries have none.
+    Raises:
+        RobotModelError: a helical joint, which other libraries do not model.
     """
-    found = []
+    frames = []
     for name, screw, point in zip(robot.names, robot.screws.T, robot.places, strict=True):
-        slides = not screw[:3].any()
-        if not slides and abs(screws.pitch(screw)) > arrays.NEGLIGIBLE:
+        is_prismatic = not screw[:3].any()
+        if not is_prismatic and abs(screws.pitch(screw)) > arrays.NEGLIGIBLE:
             raise RobotModelError(f"joint {name} is helical; other libraries model hinges and slides only")
-        found.append((slides, se3.pose_along_z(screw[3:] if slides else screw[:3], point)))
-    return found
+        frames.append((is_prismatic, se3.pose_along_z(screw[3:] if is_prismatic else screw[:3], point)))
+    return frames
 
 
 def urdf(robot: Chain) -> str:
-    """The joints as a URDF, base first, each along z of its link, and the tool frame as the link "tool".
+    """The arm as a URDF: each joint along z of its link, the tool frame as the link "tool".
 
-    Some libraries read axes along x, y and z alone. Helical joints are refused.
+    Raises:
+        RobotModelError: a helical joint.
     """
     from scipy.spatial.transform import Rotation
 
     def place(frame: Array) -> dict[str, str]:
-        with warnings.catch_warnings():  # of angles that are not the only ones
+        with warnings.catch_warnings():  # of gimbal lock
             warnings.simplefilter("ignore")
             rpy = Rotation.from_matrix(frame[:3, :3]).as_euler("xyz")
         return {key: " ".join(map(repr, values.tolist())) for key, values in (("xyz", frame[:3, 3]), ("rpy", rpy))}
 
     parts, parent, before = [LINK.format("base")], "base", np.eye(4)
     bounds = zip(robot.position_lower, robot.position_upper, robot.velocity_limit, strict=True)
-    for name, (slides, frame), limits in zip(robot.names, joint_frames(robot), bounds, strict=True):
+    for name, (is_prismatic, frame), limits in zip(robot.names, joint_frames(robot), bounds, strict=True):
         ends = dict(zip(("lower", "upper", "speed"), np.clip(limits, -UNLIMITED, UNLIMITED).tolist(), strict=True))
-        kind, link = "prismatic" if slides else "revolute", f"{name}_link"
+        kind, link = "prismatic" if is_prismatic else "revolute", f"{name}_link"
         where = place(se3.inverse(before).dot(frame))
         parts += [LINK.format(link), JOINT.format(name=name, kind=kind, parent=parent, child=link, **where, **ends)]
         parent, before = link, frame
     fixed = {"kind": "fixed", "lower": 0.0, "upper": 0.0, "speed": 0.0}
     where = place(se3.inverse(before).dot(robot.home))
     parts += [LINK.format("tool"), JOINT.format(name="to_tool", parent=parent, child="tool", **where, **fixed)]
-    keep = '<mujoco><compiler fusestatic="false" discardvisual="true"/></mujoco>'  # the tool's link, too
-    return f'<robot name="arm">{keep}{"".join(parts)}</robot>'
+    compiler = '<mujoco><compiler fusestatic="false" discardvisual="true"/></mujoco>'  # keeps the tool's link
+    return f'<robot name="arm">{compiler}{"".join(parts)}</robot>'

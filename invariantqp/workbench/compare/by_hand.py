@@ -1,19 +1,19 @@
-"""Methods as users write them by hand: NumPy and DAQP, and Pinocchio for the arm where it is installed.
+"""Methods as users write them by hand: NumPy and DAQP, with Pinocchio for the arm if it is installed.
 
     e = log(T^-1 T_target),  s = gain e + feedforward,   in the tool frame, linear part first
     Moore-Penrose   x = x_p + J^+ (s - J x_p)                                                         (Liegeois 1977)
     DLS             J'(J J' + lambda^2 I)^-1 in place of J^+                                           (Wampler 1986)
     LM              (J'J + (|e|^2/2 + eps) I)^-1 (J's + eps x_p)                                      (Sugihara 2011)
     task priority   position, then orientation in its null space, then x_p        (Nakamura 1987; Chiaverini 1997)
-    SNS             a joint that would exceed its limit stays at it, others make up for it      (Flacco et al. 2012)
+    SNS             a joint that would exceed its limit stays at it, others compensate          (Flacco et al. 2012)
     scaling         maximise alpha with J x = alpha s inside the limits, alpha <= 1; x_p in what is left
     QP              minimise |A x - b|^2 + (eps + mu) |x|^2 - 2 eps x_p'x inside the limits
                     A = J, b = s; with length: velocities of the point, and rotations times the length L
                     mu = 0; with |e|^2: mu = |e|^2/2                                                  (Sugihara 2011)
 
-x_p is the velocity towards the posture, zero for arms with up to six joints unless a task names one. The bounds of the
-velocities keep position limits, with acceleration limits by a braking distance. Methods that do not know them are
-clipped to them, joint by joint. eps = 1e-6, the weight of a posture task of Pink's examples.
+x_p is the velocity towards the posture, zero for arms with up to six joints unless a task names one. Velocity bounds
+keep position limits, with acceleration limits by a braking distance. Velocities of methods without bounds are clipped
+joint by joint. eps = 1e-6, the weight of a posture task of Pink's examples.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.workbench.compare.method import IN_QP, OTHER_SETTINGS, SCALES, LoopSpec, Method, MethodSetting
 
 EPS = 1e-6
-# lambda of the DLS: of 0.01, 0.03, 0.1, 0.2 and 0.3 the one that dominates our law in the most tasks.
+# lambda of DLS: of 0.01, 0.03, 0.1, 0.2 and 0.3 the one that dominates our law in the most tasks.
 LAMBDA = 0.2
 # Chiaverini's damping begins where the smallest singular value falls below this, and grows to this lambda.
 DAMPING_THRESHOLD, MAX_DAMPING = 0.04, 0.05
-# Singular values below this share of the largest, and excesses of a limit below this, are rounding.
+# Tolerance of singular values relative to the largest, and of limits.
 ROUNDING = 1e-9
 
 
 class TickProblem(NamedTuple):
-    """One tick as these methods see it: tool frame, linear part first."""
+    """The inputs of a tick, in the tool frame, linear part first."""
 
     J: Array  # (6, m) joint twists
     e: Array  # (6,) error twist
@@ -49,12 +49,12 @@ class TickProblem(NamedTuple):
 
 
 Velocity = Callable[[TickProblem], Array]
-# Joint positions, target and feedforward to J, e and the feedforward, in the tool frame, linear part first.
+# (q, target, feedforward) -> (J, e, feedforward), in the tool frame, linear part first.
 Reader = Callable[[Array, Any, "Array | None"], tuple[Array, Array, Array]]
 
 
 class ByHand:
-    """The loop around the function of a tick, with Pinocchio where it is installed and the arm has a URDF."""
+    """The loop around the function of a tick; by Pinocchio if it is installed and the arm has a URDF."""
 
     def __init__(self, spec: LoopSpec, velocity: Callable[[LoopSpec], Velocity]) -> None:
         self.spec, self.velocity = spec, velocity(spec)
@@ -64,16 +64,16 @@ class ByHand:
     def step(self, q: Array, target: Any, feedforward: Array | None, previous: Array) -> Array:
         """One tick: joint velocities (m,)."""
         spec = self.spec
-        J, e, ahead = self.read(q, target, feedforward)
+        J, e, twist = self.read(q, target, feedforward)
         lower, upper = self.bounds(q, previous)
         return self.velocity(
-            TickProblem(J, e, spec.gain * e + ahead, lower, upper, spec.posture_gain * (spec.posture - q))
+            TickProblem(J, e, spec.gain * e + twist, lower, upper, spec.posture_gain * (spec.posture - q))
         )
 
     def bounds(self, q: Array, previous: Array) -> tuple[Array, Array]:
-        """(m,) and (m,) the velocities that keep the limits, and with acceleration limits from which joints can stop.
+        """(m,) lower and upper velocities that keep the limits, with acceleration limits by the braking distance.
 
-        An arm that brakes from v by a dt a tick goes at most v^2 / (2 a) + v dt / 2 + a dt^2 / 8 further.
+        A joint that brakes from v by a dt a tick moves at most v^2 / (2 a) + v dt / 2 + a dt^2 / 8 further.
         """
         spec, fastest = self.spec, self.spec.velocity_limit
         down, up = spec.lower - q, spec.upper - q
@@ -94,16 +94,16 @@ def _by_pinocchio(spec: LoopSpec) -> tuple[Callable[[Array, Any], Any], Reader]:
     import pinocchio as pin
 
     model = pin.buildModelFromXML(spec.urdf)
-    data, frame, still = model.createData(), model.getFrameId("tool"), np.zeros(6)
+    data, frame = model.createData(), model.getFrameId("tool")
 
     def read(q: Array, target: Any, feedforward: Array | None) -> tuple[Array, Array, Array]:
         pin.computeJointJacobians(model, data, q)
         tool = pin.updateFramePlacement(model, data, frame)
         J = pin.getFrameJacobian(model, data, frame, pin.LOCAL)
-        ahead = still
+        twist = np.zeros(6)
         if feedforward is not None:
-            ahead = tool.actInv(pin.Motion(feedforward[3:], feedforward[:3])).vector
-        return J, pin.log6(tool.actInv(target)).vector, ahead
+            twist = tool.actInv(pin.Motion(feedforward[3:], feedforward[:3])).vector
+        return J, pin.log6(tool.actInv(target)).vector, twist
 
     return lambda pose, _: pin.SE3(pose), read
 
@@ -117,14 +117,14 @@ def _by_robot(spec: LoopSpec) -> tuple[Callable[[Array, Any], Any], Reader]:
     def read(q: Array, target: Any, feedforward: Array | None) -> tuple[Array, Array, Array]:
         state = arm.sight(q, target)
         to_tool = se3.adjoint(se3.inverse(state.pose, check=False), check=False)[se3.SWAPPED]
-        ahead = np.zeros(6) if feedforward is None else to_tool.dot(feedforward)
-        return to_tool.dot(state.J), to_tool.dot(state.error), ahead
+        twist = np.zeros(6) if feedforward is None else to_tool.dot(feedforward)
+        return to_tool.dot(state.J), to_tool.dot(state.error), twist
 
     return lambda pose, _: arm.target(pose) if np.isfinite(pose).all() else pose, read
 
 
 def clipped(x: Array, tick: TickProblem) -> Array:
-    """Cut to the bounds, joint by joint."""
+    """Joint velocities clipped to the bounds, joint by joint."""
     return np.minimum(np.maximum(x, tick.lower), tick.upper)
 
 
@@ -191,11 +191,11 @@ def saturation(_: LoopSpec) -> Velocity:
 
 
 def saturate(tick: TickProblem) -> tuple[Array, float]:
-    """Joint velocities (m,) inside the bounds, and the share alpha of s that they achieve."""
+    """Joint velocities (m,) inside the bounds, and the scale alpha of s that they achieve."""
     J, s, lower, upper = tick.J, tick.s, tick.lower, tick.upper
     size, m = float(np.linalg.norm(J, 2)), J.shape[1]
     free, fixed = np.ones(m, dtype=bool), tick.posture_velocity.copy()
-    best, most = clipped(np.zeros(m), tick), 0.0
+    best, best_scale = clipped(np.zeros(m), tick), 0.0
     full = _rank(J, size)
     while _rank(J * free, size) == full:
         inverse = np.linalg.pinv(J * free, rcond=ROUNDING)
@@ -204,26 +204,26 @@ def saturate(tick: TickProblem) -> tuple[Array, float]:
         x = along + offset
         if not ((x < lower - ROUNDING) | (x > upper + ROUNDING)).any():
             return clipped(x, tick), 1.0
-        scale, critical = _largest_share(along, offset, lower, upper)
-        if scale > most:
-            best, most = clipped(scale * along + offset, tick), scale
+        scale, critical = _largest_scale(along, offset, lower, upper)
+        if scale > best_scale:
+            best, best_scale = clipped(scale * along + offset, tick), scale
         if not free[critical]:
             break
         free[critical] = False
         fixed[critical] = upper[critical] if x[critical] > upper[critical] else lower[critical]
-    return best, most
+    return best, best_scale
 
 
-def _largest_share(along: Array, offset: Array, lower: Array, upper: Array) -> tuple[float, int]:
+def _largest_scale(along: Array, offset: Array, lower: Array, upper: Array) -> tuple[float, int]:
     """The largest alpha in [0, 1] with lower <= alpha along + offset <= upper, and the joint that limits it."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ends = np.stack(((lower - offset) / along, (upper - offset) / along))
-    still = along == 0.0
-    ends[0, still], ends[1, still] = -np.inf, np.inf
+    unmoved = along == 0.0
+    ends[0, unmoved], ends[1, unmoved] = -np.inf, np.inf
     low, high = np.minimum(*ends), np.maximum(*ends)
     critical = int(np.argmin(high))
-    most, least = min(1.0, float(high[critical])), max(0.0, float(low.max()))
-    return (most if least <= most else 0.0), critical
+    largest, smallest = min(1.0, float(high[critical])), max(0.0, float(low.max()))
+    return (largest if smallest <= largest else 0.0), critical
 
 
 def _rank(A: Array, size: float) -> int:
@@ -284,8 +284,8 @@ def qp(spec: LoopSpec, *, length: bool = False, by_error: bool = False) -> Veloc
     return velocity
 
 
-def row(name: str, velocity: Callable[..., Velocity], *setting: str, family: str = "by hand", **more: Any) -> Method:
-    """A row: a function of a tick in its loop, with other settings if any."""
+def method(name: str, velocity: Callable[..., Velocity], *setting: str, family: str = "by hand", **more: Any) -> Method:
+    """The method of a function of a tick; `more` are arguments of that function."""
 
     def loop(spec: LoopSpec) -> ByHand:
         return ByHand(spec, partial(velocity, **more))
@@ -297,18 +297,18 @@ def row(name: str, velocity: Callable[..., Velocity], *setting: str, family: str
 CLIPPED, BY_ERROR = "clipped to them", "|e|^2/2 + 1e-6"
 GIVEN = "added", "given, with length"
 METHODS = [
-    row("Moore-Penrose", moore_penrose, "in the null space", CLIPPED, "none"),
-    row("DLS", damped, "in the damped null space", CLIPPED, f"lambda = {LAMBDA:g}"),
-    row("LM", levenberg_marquardt, "weight 1e-6", CLIPPED, BY_ERROR),
-    row("SNS", saturation, "in the null space", SCALES, "none"),
-    row("task priority", priority, "last priority", CLIPPED, "along small singular values, to 0.05"),
-    row("scaling", scaling, "in what is left", SCALES, "none"),
-    row("QP", qp, "weight 1e-6", IN_QP, "1e-6"),
-    row("QP with length", qp, "weight 1e-6", IN_QP, "1e-6", *GIVEN, length=True),
-    row("QP with |e|^2", qp, "weight 1e-6", IN_QP, BY_ERROR, by_error=True),
-    row("QP with both", qp, "weight 1e-6", IN_QP, BY_ERROR, *GIVEN, length=True, by_error=True),
+    method("Moore-Penrose", moore_penrose, "in the null space", CLIPPED, "none"),
+    method("DLS", damped, "in the damped null space", CLIPPED, f"lambda = {LAMBDA:g}"),
+    method("LM", levenberg_marquardt, "weight 1e-6", CLIPPED, BY_ERROR),
+    method("SNS", saturation, "in the null space", SCALES, "none"),
+    method("task priority", priority, "last priority", CLIPPED, "along small singular values, to 0.05"),
+    method("scaling", scaling, "in what is left", SCALES, "none"),
+    method("QP", qp, "weight 1e-6", IN_QP, "1e-6"),
+    method("QP with length", qp, "weight 1e-6", IN_QP, "1e-6", *GIVEN, length=True),
+    method("QP with |e|^2", qp, "weight 1e-6", IN_QP, BY_ERROR, by_error=True),
+    method("QP with both", qp, "weight 1e-6", IN_QP, BY_ERROR, *GIVEN, length=True, by_error=True),
     *(
-        row(f"DLS, lambda {x}", damped, "in the damped null space", CLIPPED, f"{x}", family=OTHER_SETTINGS, factor=x)
+        method(f"DLS, lambda {x}", damped, "in the damped null space", CLIPPED, f"{x}", family=OTHER_SETTINGS, factor=x)
         for x in (0.01, 0.03, 0.1, 0.3)
     ),
 ]

@@ -1,6 +1,6 @@
-"""Runs methods on tasks: each environment in a process of its own, methods in turn in blocks of ticks.
+"""Runs methods on tasks, in a process for each environment.
 
-Times are the processor's, of single ticks. The methods take turns every BLOCK ticks, so that a change of the clock rate
+Times are processor times of single ticks. The methods take turns every BLOCK ticks, so that a change of the clock rate
 affects all alike; BLAS has one thread.
 """
 
@@ -27,21 +27,21 @@ from invariantqp.workbench.compare.method import Method
 from invariantqp.workbench.compare.tasks import BedTask
 
 BLOCK = 100
-# A request that takes longer is the end of its process [s]: OInK takes 8 s for a target that is NaN.
+# A process that takes longer for a request is ended [s]: OInK takes 8 s for a NaN target.
 REQUEST_TIMEOUT = 20.0
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"), "1")
 
 
 class RequestFailure(Exception):
-    """A method raised where its loop was made."""
+    """A request raised an exception in the worker."""
 
 
 class ProcessEnded(RequestFailure):
-    """The process of a method ended, and with it the runs of all methods of its environment."""
+    """A process ended, and with it the runs of all methods of its environment."""
 
 
 class Process:
-    """A worker of one environment; it is started again after it has ended."""
+    """A worker process of one environment; it is restarted after it has ended."""
 
     def __init__(self, environment: str, python: str) -> None:
         self._command = [python, "-m", "invariantqp.workbench.compare.worker", environment]
@@ -58,8 +58,8 @@ class Process:
         """The reply to a request.
 
         Raises:
-            RequestFailure: what the method raised.
-            ProcessEnded: there is no reply.
+            RequestFailure: the method raised an exception.
+            ProcessEnded: no reply.
         """
         if self._closed:
             raise ProcessEnded("interrupted")
@@ -74,27 +74,27 @@ class Process:
             line = pipes[1].readline()
         except BrokenPipeError:
             line = ""
-        late = not timer.is_alive()
+        timed_out = not timer.is_alive()
         timer.cancel()
         if self._closed:
             raise ProcessEnded("interrupted")
         if not line.endswith("\n"):
             self._end()
-            said = (Path(self._folder.name) / "stderr").read_text("utf-8", errors="replace").strip().splitlines()
-            why = f": {said[-1]}" if said else ""
+            printed = (Path(self._folder.name) / "stderr").read_text("utf-8", errors="replace").strip().splitlines()
+            why = f": {printed[-1]}" if printed else ""
             raise ProcessEnded(
-                f"its process was ended after {REQUEST_TIMEOUT:g} s" if late else f"its process ended{why}"
+                f"its process was ended after {REQUEST_TIMEOUT:g} s" if timed_out else f"its process ended{why}"
             )
-        found = json.loads(line)
-        if "failed" in found:
-            raise RequestFailure(found["failed"])
-        return found["reply"]
+        answer = json.loads(line)
+        if "failed" in answer:
+            raise RequestFailure(answer["failed"])
+        return answer["reply"]
 
     def _start(self) -> subprocess.Popen[str]:
-        words: Any = {"env": self._variables, "cwd": self._folder.name, "text": True, "start_new_session": True}
+        options: Any = {"env": self._variables, "cwd": self._folder.name, "text": True, "start_new_session": True}
         with (Path(self._folder.name) / "stderr").open("w", encoding="utf-8") as errors:
             pipe = subprocess.PIPE
-            return subprocess.Popen(self._command, stdin=pipe, stdout=pipe, stderr=errors, **words)  # noqa: S603
+            return subprocess.Popen(self._command, stdin=pipe, stdout=pipe, stderr=errors, **options)  # noqa: S603
 
     def _end(self) -> None:
         if self._process is not None:
@@ -103,55 +103,55 @@ class Process:
             self._process = None
 
     def close(self) -> None:
-        """End the process for good."""
+        """End the process; later requests fail."""
         self._closed = True
         self._end()
         self._folder.cleanup()
 
 
 class Workers:
-    """The processes of every environment that some methods need and that has been made."""
+    """A process for each environment of some methods that is installed."""
 
     def __init__(self, methods: Sequence[Method]) -> None:
         pythons = {method.environment: python_of(method.environment) for method in methods}
         self.processes = {name: Process(name, python) for name, python in pythons.items() if python}
 
     def installed(self) -> dict[str, str]:
-        """The names of all methods that can be run, and the versions of what they need."""
-        found: dict[str, str] = {}
+        """The names of the methods that can be run, with the versions of their packages."""
+        versions: dict[str, str] = {}
         for process in self.processes.values():
             try:
-                found |= process.ask("methods")
-            except RequestFailure:  # an environment that is not complete
+                versions |= process.ask("methods")
+            except RequestFailure:  # an incomplete environment
                 continue
-        return found
+        return versions
 
     def run(self, task: BedTask, methods: Sequence[Method]) -> dict[str, Figures]:
-        """The figures of each method on a task, or {"failed": why}; without those that do not take its limits."""
+        """The figures of each method on a task, or {"failed": why}; without methods that do not take its limits."""
         able = [method for method in methods if method.accelerations or task.spec.acceleration_limit is None]
         runs = self._runs(task, able)
-        found = {name: figures(task, run) if "failed" not in run else run for name, run in runs.items()}
+        results = {name: figures(task, run) if "failed" not in run else run for name, run in runs.items()}
         if task.original is not None:
             for name, run in self._runs(task.original, able).items():
                 if "failed" not in run and "failed" not in runs[name]:
                     change = np.array(run["positions"]) - np.array(runs[name]["positions"])
-                    found[name]["frame_rad"] = float(np.abs(change).max())
-        return found
+                    results[name]["frame_rad"] = float(np.abs(change).max())
+        return results
 
     def _runs(self, task: BedTask, methods: Sequence[Method]) -> dict[str, dict[str, Any]]:
-        """What `worker.Run.end` returns of each method, or {"failed": why}."""
-        found: dict[str, dict[str, Any]] = {}
-        lost: dict[str, Method] = {}  # with the process of another method
+        """The result of `worker.Run.end` of each method, or {"failed": why}."""
+        runs: dict[str, dict[str, Any]] = {}
+        lost: dict[str, Method] = {}  # because another method ended their process
 
         def ask(method: Method, request: str, **more: Any) -> Any:
-            if method.name in found or method.name in lost:
+            if method.name in runs or method.name in lost:
                 return None
             try:
                 return self.processes[method.environment].ask(request, method=method.name, **more)
             except RequestFailure as failure:
-                found[method.name] = {"failed": str(failure)}
+                runs[method.name] = {"failed": str(failure)}
                 if isinstance(failure, ProcessEnded):
-                    others = [m for m in methods if m.environment == method.environment and m.name not in found]
+                    others = [m for m in methods if m.environment == method.environment and m.name not in runs]
                     lost.update({other.name: other for other in others})
                 return None
 
@@ -164,10 +164,10 @@ class Workers:
             for method in methods:
                 ask(method, "run", ticks=BLOCK)
         ended = {method.name: ask(method, "end") for method in methods}
-        found |= {name: run for name, run in ended.items() if run is not None and name not in lost}
+        runs |= {name: run for name, run in ended.items() if run is not None and name not in lost}
         if lost:
-            found |= self._runs(task, list(lost.values()))
-        return {method.name: found[method.name] for method in methods}
+            runs |= self._runs(task, list(lost.values()))
+        return {method.name: runs[method.name] for method in methods}
 
     def close(self) -> None:
         """End the processes."""
@@ -176,21 +176,21 @@ class Workers:
 
 
 def as_json(task: BedTask) -> dict[str, Any]:
-    """What a worker is given of a task."""
+    """A task as a worker takes it."""
     ahead = None if task.feedforward is None else task.feedforward.tolist()
     arrays = {key: getattr(task, key).tolist() for key in ("q0", "targets", "noise")}
     return {"spec": task.spec.as_json(), "feedforward": ahead, **arrays}
 
 
-class Teams:
-    """The workers of this process: one set for each task that is measured at the same time, kept for the next task."""
+class WorkerPool:
+    """Workers of this process, reused from task to task: one set for each task that is measured at the same time."""
 
     def __init__(self) -> None:
         self._all: list[Workers] = []
         self._free: dict[tuple[str, ...], SimpleQueue[Workers]] = {}
 
     def run(self, task: BedTask, methods: Sequence[Method]) -> dict[str, Figures]:
-        """What `Workers.run` returns."""
+        """The result of `Workers.run`."""
         free = self._free.setdefault(tuple(method.name for method in methods), SimpleQueue())
         try:
             workers = free.get_nowait()
@@ -209,31 +209,27 @@ class Teams:
             self._all.pop().close()
 
 
-# A cluster's processes keep theirs until they end.
-TEAMS = Teams()
+# Processes of a cluster keep their workers until they end.
+POOL = WorkerPool()
 
 
 def measured(task: BedTask, methods: Sequence[Method]) -> tuple[BedTask, dict[str, Figures]]:
-    """A task with the figures of every method, in whatever process this is called."""
-    return task, TEAMS.run(task, methods)
+    """A task with the figures of every method; called in any process."""
+    return task, POOL.run(task, methods)
 
 
 def run_all(
     tasks: Sequence[BedTask], methods: Sequence[Method], jobs: int = 1
 ) -> Iterator[tuple[BedTask, dict[str, Figures]]]:
-    """Every task with the figures of every method, in the order in which they are finished, by joblib.
+    """Every task with the figures of every method, in the order of completion, by joblib.
 
-    `jobs` tasks are measured at a time, -1 is one a core, or one for each worker of the back end that
-    `joblib.parallel_config` names. The processes of methods are closed at the end, also where it is interrupted.
+    `jobs` tasks are measured at a time; -1 is one a core, or one for each worker of the back end of
+    `joblib.parallel_config`. The processes of methods are closed at the end, and at an interrupt.
     """
     calls = [delayed(measured)(task, methods) for task in tasks]
+    streams = get_active_backend(prefer="threads")[0].supports_return_generator  # Ray does not
+    order: dict[str, Any] = {"return_as": "generator_unordered"} if streams else {}
     try:
-        yield from Parallel(jobs, prefer="threads", **_as_finished())(calls)
+        yield from Parallel(jobs, prefer="threads", **order)(calls)
     finally:
-        TEAMS.close()
-
-
-def _as_finished() -> dict[str, Any]:
-    """The option of Parallel for results as they are finished, if the back end has that: Ray has not."""
-    has = get_active_backend(prefer="threads")[0].supports_return_generator
-    return {"return_as": "generator_unordered"} if has else {}
+        POOL.close()

@@ -1,4 +1,4 @@
-"""Environments for libraries that exclude one another: each has NumPy and one of them, in a folder of the user's cache.
+"""Python environments for libraries that exclude one another: NumPy and one library each, in the user's cache folder.
 
 `invariantqp compare --setup` makes them: about 2 GB.
 """
@@ -13,22 +13,22 @@ from pathlib import Path
 
 
 def folder() -> Path:
-    """Where the environments are."""
+    """The folder of the environments."""
     cache = os.environ.get("XDG_CACHE_HOME")
     return (Path(cache) if cache else Path.home() / ".cache") / "invariantqp" / "compare"
 
 
 def python_of(environment: str) -> str | None:
-    """The Python of an environment, "" being this one; None where it has not been made."""
+    """The Python of an environment, "" being this one; None if it does not exist."""
     if not environment:
         return sys.executable
     place = folder() / environment
-    found = [python for python in (place / "bin" / "python", place / "Scripts" / "python.exe") if python.exists()]
-    return str(found[0]) if found else None
+    candidates = (place / "bin" / "python", place / "Scripts" / "python.exe")
+    return next((str(python) for python in candidates if python.exists()), None)
 
 
 def make(environment: str, distribution: str) -> str:
-    """Make an environment, or bring what it has up to date: "", or why it could not be made; then it is removed."""
+    """Make or update an environment: "", or why that failed; the environment is then removed."""
     place = folder() / environment
     venv = ["-m", "venv", str(place)]
     pip = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--upgrade", "numpy", distribution]

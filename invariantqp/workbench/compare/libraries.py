@@ -1,13 +1,13 @@
 """Other libraries, each imported where its loop is made, on the same arm: `LoopSpec.urdf`.
 
-A library that takes no feedforward gets a target that lies ahead on the path, as far as it takes for the gain to ask
-for the velocity of the path. Those that are asked for a share of the way in a tick get gain dt. Costs of a frame task
-are 1 and 1, that of a posture task 1e-3 as in Pink's examples; without a posture task the damping is its square.
+A library without feedforward gets a target ahead on the path, at the distance at which the gain commands the velocity
+of the path. Gains per tick are gain dt. The costs of a frame task are 1 and 1, that of a posture task is 1e-3 as in
+Pink's examples; without a posture task the damping is its square.
 
-Class attributes are the settings. Of those that were tried (`--methods "other settings"`) they are the ones that
-dominate our law in the most tasks, and of these the one that is dominated in the fewest. NEO is as in the Robotics
-Toolbox's examples, but for its term of manipulability, which the posture replaces, and for dampers at position limits
-that let a tick cover the whole distance, as the other methods do.
+Class attributes are the settings: of those that were tried (`--methods "other settings"`) the ones that dominate our
+law in the most tasks, and of these the one that is dominated in the fewest. NEO is as in the Robotics Toolbox's
+examples, with the posture in place of manipulability, and with dampers at position limits that let a tick cover the
+whole distance, as the other methods do.
 
 Reference: Caron et al., Pink; Zakka, mink; Duclusaud et al., placo; Castro et al., RoboPlan; Robot Locomotion Group,
 Drake; Corke & Haviland, Robotics Toolbox for Python.
@@ -30,15 +30,15 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.workbench.compare.method import IN_QP, OTHER_SETTINGS, SCALES, LoopSpec, Method, MethodSetting
 
 POSTURE_COST = 1e-3
-# Damping of a QP that has a posture task: Pink's default.
+# Damping of a QP with a posture task: Pink's default.
 QP_DAMPING = 1e-12
-# The penalty of ElastiQP's limits, beside an objective of order one.
+# The penalty of ElastiQP's limits; the objective is of order one.
 PENALTY = 1e3
 
 
 @contextmanager
 def urdf_file(spec: LoopSpec) -> Iterator[str]:
-    """A file with the arm's URDF, for as long as it is read."""
+    """A temporary file with the arm's URDF."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "arm.urdf"
         file.write_text(spec.urdf, encoding="utf-8")
@@ -46,26 +46,26 @@ def urdf_file(spec: LoopSpec) -> Iterator[str]:
 
 
 def ahead_on_screw(pose: Array, twist: Array, time: float) -> Array:
-    """The pose (4, 4) a time later, on its screw: for an error that is a logarithm."""
+    """The pose (4, 4) a time later along its screw, for errors that are logarithms."""
     return np.asarray(se3.exp(time * twist).dot(pose))
 
 
 def ahead_on_line(pose: Array, twist: Array, time: float) -> Array:
-    """The pose (4, 4) a time later, its origin on a line: for an error of position and rotation vector."""
+    """The pose (4, 4) a time later, its origin on a line, for errors of position and rotation vector."""
     later = ahead_on_screw(pose, twist, time)
     later[:3, 3] = pose[:3, 3] + time * se3.velocity_at(twist, pose[:3, 3])
     return later
 
 
 class Library:
-    """What loops of libraries have in common: the target in the library's own form, ahead on the path."""
+    """Base of the loops of libraries: the target ahead on the path, in the library's type."""
 
     ahead: Callable[[Array, Array, float], Array] = staticmethod(ahead_on_line)
 
     def __init__(self, spec: LoopSpec) -> None:
         if not spec.urdf:
             raise ValueError("the arm has helical joints, which a URDF cannot describe")
-        self.spec, self.share = spec, spec.gain * spec.dt
+        self.spec, self.gain_per_tick = spec, spec.gain * spec.dt
         self.posture_gain = float(spec.posture_gain.max(initial=0.0))
         self.damping = QP_DAMPING if self.posture_gain else POSTURE_COST**2
         self.set_up(spec)
@@ -74,11 +74,11 @@ class Library:
         """Make tasks and limits."""
 
     def native(self, pose: Array) -> Any:
-        """A pose (4, 4) in the library's own form."""
+        """A pose (4, 4) in the library's type."""
         return pose
 
     def target(self, pose: Array, feedforward: Array | None) -> Any:
-        """A target (4, 4) whose distance asks for the feedforward, too."""
+        """The target whose distance also commands the feedforward."""
         return self.native(pose if feedforward is None else self.ahead(pose, feedforward, 1.0 / self.spec.gain))
 
 
@@ -101,9 +101,9 @@ class Pink(Library):
         self.options: dict[str, Any] = {"damping": self.damping, "limits": limits, "safety_break": False}
 
     def make_tasks(self, library: Any, native: Any, start: Any, frame: tuple[str, ...], model: tuple[Any, ...]) -> None:
-        """The tasks of Pink or mink: from its configuration, its names of the tool frame, its first arguments."""
+        """The tasks of Pink or mink, from its configuration, the tool frame, and the first arguments of its tasks."""
         self.native, self.solve, self.configuration = native, library.solve_ik, start  # type: ignore[method-assign]
-        self.task = library.FrameTask(*frame, 1.0, 1.0, lm_damping=self.lm_damping, gain=self.share)
+        self.task = library.FrameTask(*frame, 1.0, 1.0, lm_damping=self.lm_damping, gain=self.gain_per_tick)
         self.tasks = [self.task]
         if self.posture_gain:
             self.tasks.append(library.PostureTask(*model, cost=POSTURE_COST, gain=self.posture_gain * self.spec.dt))
@@ -143,7 +143,7 @@ class Placo(Library):
 
         with urdf_file(spec) as file:
             self.robot = placo.RobotWrapper(file, placo.Flags.ignore_collisions)
-        self.between = placo.interpolate_frames
+        self.interpolate = placo.interpolate_frames
         self.solver = solver = placo.KinematicsSolver(self.robot)
         solver.mask_fbase(True)
         solver.dt = spec.dt
@@ -157,14 +157,14 @@ class Placo(Library):
             self.posture.configure("posture", "soft", POSTURE_COST**2)
 
     def step(self, q: Array, target: Any, _feedforward: Any, _previous: Any) -> Array:
-        """It steps the whole way to its target, which is the given share of the way."""
+        # It moves the whole way to its target, which is therefore interpolated.
         spec, robot = self.spec, self.robot
         robot.state.q[7:] = q  # after seven positions of the base
         robot.update_kinematics()
-        self.task.T_world_frame = self.between(robot.get_T_world_frame("tool"), target, self.share)
+        self.task.T_world_frame = self.interpolate(robot.get_T_world_frame("tool"), target, self.gain_per_tick)
         if self.posture is not None:
-            nearer = q + spec.dt * self.posture_gain * (spec.posture - q)
-            self.posture.set_joints(dict(zip(spec.names, nearer.tolist(), strict=True)))
+            goal = q + spec.dt * self.posture_gain * (spec.posture - q)
+            self.posture.set_joints(dict(zip(spec.names, goal.tolist(), strict=True)))
         return np.asarray(self.solver.solve(False)[6:]) / spec.dt  # after six coordinates of the base
 
 
@@ -190,7 +190,7 @@ class Oink(Library):
         settings.eps_abs = self.tolerance
         self.solver = solver = ik.Oink(scene, settings)
         start = core.CartesianConfiguration("base", "tool", np.asfortranarray(np.eye(4)))
-        options = ik.FrameTaskOptions(task_gain=self.share, lm_damping=self.lm_damping)
+        options = ik.FrameTaskOptions(task_gain=self.gain_per_tick, lm_damping=self.lm_damping)
         self.task = ik.FrameTask(solver, scene, start, options)
         self.tasks = [self.task]
         if self.posture_gain:
@@ -200,7 +200,7 @@ class Oink(Library):
         self.limits = [ik.PositionLimit(solver, 1.0), ik.VelocityLimit(solver, spec.dt, spec.velocity_limit)]
         if spec.acceleration_limit is not None:
             self.limits.append(ik.AccelerationLimit(solver, spec.dt, spec.acceleration_limit))
-        self.moved = np.zeros(m)
+        self.displacement = np.zeros(m)
 
     def native(self, pose: Array) -> Any:
         return np.asfortranarray(pose)
@@ -209,8 +209,8 @@ class Oink(Library):
         self.task.setTargetFrameTransform(target)
         if self.spec.acceleration_limit is not None:
             self.limits[-1].setLastVelocity(previous)
-        self.solver.solveIk(q, self.tasks, self.limits, self.moved, self.damping)
-        return self.moved / self.spec.dt
+        self.solver.solveIk(q, self.tasks, self.limits, self.displacement, self.damping)
+        return self.displacement / self.spec.dt
 
 
 class EmbodiK(Library):
@@ -224,7 +224,7 @@ class EmbodiK(Library):
         with urdf_file(spec) as file:
             self.model = embodik.RobotModel(file, False)
         self.solver = solver = embodik.KinematicsSolver(self.model)
-        self.good = embodik.SolverStatus.SUCCESS
+        self.success = embodik.SolverStatus.SUCCESS
         solver.dt = spec.dt
         if self.tolerance is not None:
             solver.set_tolerance(self.tolerance)
@@ -248,7 +248,7 @@ class EmbodiK(Library):
         if self.spec.acceleration_limit is not None:
             self.solver.set_previous_joint_velocities(previous)
         found = self.solver.solve_velocity(q)
-        if found.status != self.good:
+        if found.status != self.success:
             raise RuntimeError(str(found.status))
         return np.array(found.joint_velocities)
 
@@ -306,8 +306,8 @@ class Drake(Library):
 class Neo(Library):
     """NEO of the Robotics Toolbox's examples, with DAQP (Haviland & Corke 2021)."""
 
-    near = 0.1  # from this far on a damper acts [rad]
-    weight = 0.01  # of joint velocities, the examples'
+    damper_distance = 0.1  # from position limits [rad]
+    weight = 0.01  # of joint velocities, as in the examples
 
     def set_up(self, spec: LoopSpec) -> None:
         import qpsolvers
@@ -320,7 +320,7 @@ class Neo(Library):
         self.robot = Robot(links, name=name)
         self.chain = self.robot.ets(end="tool")
         m = len(spec.names)
-        self.Q, self.c, self.rows, self.most = np.eye(m + 6), np.zeros(m + 6), np.zeros((m, m + 6)), np.zeros(m)
+        self.Q, self.c, self.rows, self.upper = np.eye(m + 6), np.zeros(m + 6), np.zeros((m, m + 6)), np.zeros(m)
         self.bounds = np.concatenate((spec.velocity_limit, np.full(6, np.inf)))  # the slack has none
 
     def target(self, pose: Array, _feedforward: Any) -> Any:
@@ -330,17 +330,17 @@ class Neo(Library):
         spec, m, weight = self.spec, len(self.spec.names), self.weight
         T = self.chain.eval(q)
         R = T[:3, :3]
-        gap = np.concatenate((R.T.dot(target[:3, 3] - T[:3, 3]), se3.rotation_vector(R.T.dot(target[:3, :3]))))
-        s = spec.gain * gap
+        error = np.concatenate((R.T.dot(target[:3, 3] - T[:3, 3]), se3.rotation_vector(R.T.dot(target[:3, :3]))))
+        s = spec.gain * error
         if feedforward is not None:
             s += np.concatenate((R.T.dot(se3.velocity_at(feedforward, T[:3, 3])), R.T.dot(feedforward[:3])))
         self.Q.flat[:: m + 7] = weight
-        self.Q.flat[m * (m + 7) :: m + 7] = 1.0 / max(float(np.abs(gap[:3]).sum()), 1e-4)  # infinite without an error
+        self.Q.flat[m * (m + 7) :: m + 7] = 1.0 / max(float(np.abs(error[:3]).sum()), 1e-4)  # finite at zero error
         self.c[:m] = -weight * self.posture_gain * (spec.posture - q)
-        damper = {"ps": 0.0, "pi": self.near, "n": m, "gain": self.near / spec.dt}
-        self.rows[:, :m], self.most[:] = self.robot.joint_velocity_damper(q=q, **damper)
+        damper = {"ps": 0.0, "pi": self.damper_distance, "n": m, "gain": self.damper_distance / spec.dt}
+        self.rows[:, :m], self.upper[:] = self.robot.joint_velocity_damper(q=q, **damper)
         A = np.hstack((self.chain.jacobe(q), np.eye(6)))
-        x = self.solve(self.Q, self.c, self.rows, self.most, A, s, -self.bounds, self.bounds)
+        x = self.solve(self.Q, self.c, self.rows, self.upper, A, s, -self.bounds, self.bounds)
         if x is None:
             raise RuntimeError("the QP has no solution")
         return np.asarray(x[:m])
@@ -354,46 +354,46 @@ def elastic(spec: LoopSpec) -> Any:
 
     m = len(spec.names)
     solver, G, penalty = elastiqp.Solver(), np.vstack((np.eye(m), -np.eye(m))), np.full(2 * m, PENALTY)
-    begun = False
+    is_set_up = False
 
     def velocity(tick: TickProblem) -> Array:
-        nonlocal begun
+        nonlocal is_set_up
         H, g = tick.J.T.dot(tick.J), -tick.J.T.dot(tick.s) - EPS * tick.posture_velocity
         H.flat[:: m + 1] += EPS
         h = np.concatenate((tick.upper, -tick.lower))
-        if begun:
+        if is_set_up:
             solver.update(Q=H, q=g, h=h)
         else:
             solver.setup(H, g, G, h, penalty)
-            begun = True
+            is_set_up = True
         return np.array(solver.solve().x)
 
     return ByHand(spec, lambda _: velocity)
 
 
-def row(
+def method(
     name: str, loop: Callable[[LoopSpec], Any], setting: tuple[str, ...], needs: str, package: str, **more: Any
 ) -> Method:
-    """A library: the modules that it needs, separated by spaces, and the package that brings it."""
+    """The method of a library: the modules that it needs, separated by spaces, and the package to install."""
     return Method(name, "library", loop, MethodSetting(*setting), tuple(needs.split()), package, **more)
 
 
-def varied(method: Method, **settings: Any) -> Method:
+def varied(base: Method, **settings: Any) -> Method:
     """A library with other settings."""
-    name = ", ".join([method.name, *(f"{key} {value}" for key, value in settings.items())])
-    loop: Any = type(method.name, (method.loop,), {"__doc__": method.loop.__doc__, **settings})  # type: ignore[arg-type]
-    return replace(method, name=name, family=OTHER_SETTINGS, loop=loop)
+    name = ", ".join([base.name, *(f"{key} {value}" for key, value in settings.items())])
+    loop: Any = type(base.name, (base.loop,), {"__doc__": base.loop.__doc__, **settings})  # type: ignore[arg-type]
+    return replace(base, name=name, family=OTHER_SETTINGS, loop=loop)
 
 
 AHEAD = "a target ahead"
 TASK, NEO = ("cost 1e-3", IN_QP, "lm_damping 300", AHEAD), ("weight 0.01", IN_QP, "0.01 times the distance")
 SECOND, SOFT = ("second priority", IN_QP, "lm_damping 300", AHEAD), ("weight 1e-6", IN_QP, "1e-6", AHEAD)
 SCALED = ("second priority", SCALES, "tolerance 0.03", AHEAD)
-PINK = row("Pink", Pink, TASK, "pink pinocchio", "pin-pink")
-MINK = row("mink", Mink, TASK, "mink mujoco", "mink", accelerations=False)
-PLACO = row("placo", Placo, SOFT, "placo", "placo", environment="placo", accelerations=False)
-OINK = row("OInK", Oink, SECOND, "roboplan", "roboplan", environment="roboplan")
-EMBODIK = row("EmbodiK", EmbodiK, SCALED, "embodik", "embodik", environment="embodik")
+PINK = method("Pink", Pink, TASK, "pink pinocchio", "pin-pink")
+MINK = method("mink", Mink, TASK, "mink mujoco", "mink", accelerations=False)
+PLACO = method("placo", Placo, SOFT, "placo", "placo", environment="placo", accelerations=False)
+OINK = method("OInK", Oink, SECOND, "roboplan", "roboplan", environment="roboplan")
+EMBODIK = method("EmbodiK", EmbodiK, SCALED, "embodik", "embodik", environment="embodik")
 METHODS = [
     PINK,
     MINK,
@@ -401,10 +401,10 @@ METHODS = [
     replace(PLACO, name="placo scaled", loop=PlacoScaled, setting=MethodSetting("weight 1e-6", SCALES, "1e-6", AHEAD)),
     OINK,
     EMBODIK,
-    row("ElastiQP", elastic, ("weight 1e-6", "elastic, penalty 1000", "1e-6"), "elastiqp", "elastiqp"),
-    row("Drake", Drake, ("in what is left", SCALES, "none"), "pydrake", "drake", environment="drake"),
-    row("RTB", Neo, NEO, "roboticstoolbox qpsolvers", "roboticstoolbox-python", accelerations=False, slow=True),
-    *(varied(method, lm_damping=x) for method in (PINK, MINK, OINK) for x in (0.0, 1.0, 30.0, 100.0, 1000.0)),
+    method("ElastiQP", elastic, ("weight 1e-6", "elastic, penalty 1000", "1e-6"), "elastiqp", "elastiqp"),
+    method("Drake", Drake, ("in what is left", SCALES, "none"), "pydrake", "drake", environment="drake"),
+    method("RTB", Neo, NEO, "roboticstoolbox qpsolvers", "roboticstoolbox-python", accelerations=False, slow=True),
+    *(varied(base, lm_damping=x) for base in (PINK, MINK, OINK) for x in (0.0, 1.0, 30.0, 100.0, 1000.0)),
     *(varied(OINK, priority=1, lm_damping=x) for x in (0.0, 300.0)),
     varied(OINK, tolerance=1e-6),
     *(varied(EMBODIK, tolerance=x) for x in (None, 0.01, 0.1)),

@@ -1,4 +1,4 @@
-"""What a method of the comparison is, and what every method is given. Rivals' environments have it: NumPy alone."""
+"""A method of the comparison, and what every method is given. Imported in environments with NumPy alone."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 
 from invariantqp.geometry.arrays import Array
 
-# The rows of our own law, by its two engines.
+# The name of our method.
 OURS = "invariantqp"
-# The modules of methods: each has its METHODS. Other environments have methods of the last one.
+# Modules with a list METHODS. Environments of their own have methods of the last module.
 MODULES = tuple(f"invariantqp.workbench.compare.{name}" for name in ("ours", "by_hand", "libraries"))
-# Rows of the last family have settings that were tried and are not the best; only those who name them get them.
+# Methods of this family have settings that are not the best; they are measured only by name.
 OTHER_SETTINGS = "other settings"
 FAMILIES = ("ours", "by hand", "library", OTHER_SETTINGS)
 
@@ -44,12 +44,12 @@ class LoopSpec:
         return {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in asdict(self).items()}
 
     @staticmethod
-    def from_json(found: dict[str, Any]) -> LoopSpec:
-        """The value that `as_json` wrote."""
+    def from_json(content: dict[str, Any]) -> LoopSpec:
+        """The inverse of `as_json`."""
         arrays = {field.name for field in fields(LoopSpec) if "Array" in str(field.type)}
         values: dict[str, Any] = {
             key: np.array(value, np.float64) if key in arrays and value is not None else value
-            for key, value in found.items()
+            for key, value in content.items()
         }
         return LoopSpec(**values)
 
@@ -58,18 +58,18 @@ class MethodLoop(Protocol):
     """A method's control loop, made from a `LoopSpec`."""
 
     def target(self, pose: Array, feedforward: Array | None) -> Any:
-        """A tool pose (4, 4) and its twist (6,) as `step` takes the pose; called before the clock runs."""
+        """The target that `step` takes, of a tool pose (4, 4) and its twist (6,); not timed."""
 
     def step(self, q: Array, target: Any, feedforward: Array | None, previous: Array) -> Array:
-        """One tick: joint velocities (m,), of joint positions, the target and the velocities of the tick before."""
+        """The joint velocities (m,) of a tick; `previous` are those of the tick before."""
 
 
-# What some methods make of limits, as the table of settings says it.
+# Entries of the table of settings: how a method keeps limits.
 IN_QP, SCALES = "in the QP", "inside; the twist is scaled"
 
 
 class MethodSetting(NamedTuple):
-    """What a method makes of what it is given: a row of the table of settings."""
+    """How a method uses what it is given: a row of the table of settings."""
 
     posture: str
     limits: str
@@ -84,15 +84,15 @@ class Method:
 
     name: str
     family: str  # one of FAMILIES
-    loop: Callable[[LoopSpec], MethodLoop]  # its docstring's first line says what it is and where it comes from
+    loop: Callable[[LoopSpec], MethodLoop]  # the first line of its docstring is `about`
     setting: MethodSetting
     needs: tuple[str, ...] = ()  # Python modules
-    distribution: str = ""  # what installs it, whose version is reported
-    environment: str = ""  # the name of an environment of its own, for libraries that exclude others
+    distribution: str = ""  # the package to install, whose version is reported
+    environment: str = ""  # name of its own environment; "" is the current one
     accelerations: bool = True  # whether it takes acceleration limits; if not, tasks that have them leave it out
     slow: bool = False  # whether the quick form leaves it out
 
     @property
     def about(self) -> str:
-        """What it is and where it comes from, in one line."""
+        """The method and its source, in one line."""
         return (self.loop.__doc__ or "").splitlines()[0].rstrip(".")

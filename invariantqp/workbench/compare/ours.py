@@ -1,4 +1,4 @@
-"""Our own law, by the engine and by its definition in Python."""
+"""Our law, by the engine and by its definition in Python."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ class Ours:
         self.controller = our_controller(self.robot, LawSpec.model_validate(spec.law))
 
     def target(self, pose: Array, feedforward: Array | None) -> Any:
-        """A target object; a pose that is none as it is."""
+        """A target object; a pose that is not finite as it is."""
         del feedforward
         return self.robot.target(pose) if np.isfinite(pose).all() else pose
 
     def step(self, q: Array, target: Any, feedforward: Array | None, previous: Array) -> Array:
         """One tick."""
-        del previous  # it remembers them itself
+        del previous  # the controller has them
         return self.controller.step(q, target, feedforward).velocity
 
 

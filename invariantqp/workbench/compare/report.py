@@ -1,7 +1,4 @@
-"""The report: the chart and the tables to begin with on the first screen; everything else folded below.
-
-The chart: time of a tick against what differs, a panel a kind of task.
-"""
+"""The page and the chart of a comparison. The chart has tick times against errors, a panel for each kind of task."""
 
 from __future__ import annotations
 
@@ -16,7 +13,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from invariantqp.workbench.compare import tables
 from invariantqp.workbench.compare.method import OURS
-from invariantqp.workbench.compare.results import Measured, Results, failures, measured, tick_us
+from invariantqp.workbench.compare.results import Results, TaskRuns, failures, measured, tick_us
 from invariantqp.workbench.compare.tables import Table, frame_change
 from invariantqp.workbench.pictures.figure import figure_file
 from invariantqp.workbench.template import fill_template
@@ -25,12 +22,12 @@ CAPTION = (
     "A marker is a method, ours with its name; times are medians, the other axis has geometric means over arms, no "
     "value below 0.001 mm and 1 rad/s^2. Its colour says whether another tool frame changes the motion at limits."
 )
-FONT, DIAMETER = 12.0, 8.0
-# A change of a joint position by another tool frame that is less is rounding [rad].
-ROUNDING = 1e-8
-# Of the methods in their order, again from the first on where there are more; ours has the disc.
+SHEET = Path(__file__).with_name("report.mplstyle")
+# Tolerance of a joint position in another tool frame [rad].
+FRAME_TOLERANCE = 1e-8
+# Of the methods in order, repeated if there are more; ours has the disc.
 MARKERS = "os^vDPX<>ph*dH8+x123"
-# What the panels show of which kind, and the least value that is told apart.
+# The figure of each panel, its floor and label, by kind of task.
 ERROR = ("mm", 1e-3, "largest error, mm")
 PANELS = {
     "free": ERROR,
@@ -41,7 +38,7 @@ PANELS = {
 
 
 class Colours(NamedTuple):
-    """Colours on light paper or on a dark page: of methods that another tool frame does not change, and of others."""
+    """Colours of a light or dark page: `same` of methods whose motion no tool frame changes, `other` of others."""
 
     paper: str
     text: str
@@ -55,7 +52,7 @@ DARK = Colours("#0d1117", "#e6edf3", "#30363d", "#56B4E9", "#FF8A5B")
 
 
 def draw(results: Results, file: Path, colours: Colours = LIGHT, columns: int = 2) -> None:
-    """Draw the chart with at most so many panels in a row; the ending of the file tells the format."""
+    """Draw the chart, with at most `columns` panels in a row, to a .png, .svg or .pdf file."""
     kinds = {task["kind"] for task in results["tasks"]}
     panels = {kind: panel for kind, panel in PANELS.items() if kind in kinds} or {min(kinds): ERROR}
     names = tables.names_of(results)
@@ -65,28 +62,19 @@ def draw(results: Results, file: Path, colours: Colours = LIGHT, columns: int = 
     rows, across = -(-len(panels) // columns), 4 if columns > 1 else 2
     height = 3.2 * rows + 0.3 * -(-(len(names) + 2) // across)
     style = {
-        "font.size": FONT,
-        "axes.titlesize": FONT,
-        "axes.titlelocation": "left",
-        "axes.spines.top": False,
-        "axes.spines.right": False,
-        "svg.hashsalt": "invariantqp",
+        "grid.color": colours.rule,
         **{f"{part}color": colours.text for part in ("text.", "axes.label", "axes.edge", "xtick.", "ytick.")},
         **dict.fromkeys(("figure.facecolor", "axes.facecolor", "savefig.facecolor"), colours.paper),
     }
-    # Inches at 100 dots: two panels are 850 pixels wide, as a README is, one as wide as a phone; drawn at twice that.
-    with figure_file(file, (4.25 * columns, height), style, dots=200) as page:
+    with figure_file(file, (4.25 * columns, height), SHEET, style) as page:
         grid = page.subplots(rows, columns, squeeze=False, sharex=True).ravel()
         for axes, (kind, (key, least, label)) in zip(grid, panels.items(), strict=False):
-            axes.set(xscale="log", yscale="log", ylabel=label, axisbelow=True)
-            axes.set_title(kind, fontweight="bold")
-            axes.grid(visible=True, which="major", color=colours.rule, linewidth=0.7)
+            axes.set(xscale="log", yscale="log", ylabel=label, title=kind)
             axes.tick_params(labelbottom=True)
             for axis in (axes.xaxis, axes.yaxis):
                 axis.set_major_locator(LogLocator(numticks=9))
                 axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
                 axis.set_minor_formatter(NullFormatter())
-            axes.margins(x=0.08, y=0.15)
             for name, (marker, colour) in looks.items():
                 at = point([task for task in tasks if task.kind == kind], name, key, least)
                 if at is not None:
@@ -95,42 +83,39 @@ def draw(results: Results, file: Path, colours: Colours = LIGHT, columns: int = 
             axes.set_visible(False)
         for axes in grid[len(panels) - columns : len(panels)]:
             axes.set_xlabel("time of a tick, us")
-        shapes = [(colours.text, marker, name) for name, (marker, _) in looks.items()]
-        shapes += [(colours.same, "o", "same in any frame"), (colours.other, "o", "not the same")]
-        handles = [
-            Line2D([], [], color=c, marker=marker, linestyle="", markersize=DIAMETER, label=label)
-            for c, marker, label in shapes
-        ]
-        look = {"frameon": False, "fontsize": FONT, "handletextpad": 0.2, "columnspacing": 1.0}
-        page.legend(handles=handles, loc="outside lower center", ncols=across, **look)
+        entries = [(colours.text, marker, name) for name, (marker, _) in looks.items()]
+        entries += [(colours.same, "o", "same in any frame"), (colours.other, "o", "not the same")]
+        handles = [Line2D([], [], color=c, marker=marker, linestyle="", label=label) for c, marker, label in entries]
+        page.legend(handles=handles, loc="outside lower center", ncols=across)
 
 
-def point(tasks: Sequence[Measured], name: str, key: str, least: float) -> tuple[float, float] | None:
-    """The median of a method's ticks [us], and the geometric mean of a figure over tasks; None without a run."""
+def point(tasks: Sequence[TaskRuns], name: str, key: str, least: float) -> tuple[float, float] | None:
+    """The median tick time of a method [us] and the geometric mean of a figure over tasks; None without a run."""
     values = [task.runs[name][key] for task in tasks if name in task.runs]
     return (tick_us(tasks, name)[0], tables.geometric_mean(values, least)) if values else None
 
 
 def _mark(axes: Axes, name: str, at: tuple[float, float], marker: str, colour: str, colours: Colours) -> None:
-    """The marker of a method in a panel; ours is larger, and has its name."""
-    size, edge = (1.3 * DIAMETER, colours.text) if name == OURS else (DIAMETER, colour)
-    axes.plot(*at, marker, color=colour, markersize=size, markeredgecolor=edge, zorder=3)
+    """The marker of a method in a panel; ours is larger and has its name."""
+    (line,) = axes.plot(*at, marker, color=colour, zorder=3)
     if name == OURS:
+        size = 1.3 * line.get_markersize()
+        line.set(markersize=size, markeredgecolor=colours.text)
         axes.annotate(name, at, (-size, size), textcoords="offset points", fontweight="bold", color=colours.text)
 
 
 def marker_of(name: str, names: Sequence[str]) -> str:
-    """The marker of one of the methods that are shown."""
+    """The marker of one of the methods."""
     return MARKERS[list(names).index(name) % len(MARKERS)]
 
 
 def colour_of(change: float | None, colours: Colours) -> str:
-    """The colour of what another tool frame changes [rad]; None was not measured."""
-    return colours.text if change is None else colours.same if change < ROUNDING else colours.other
+    """The colour of a change in another tool frame [rad]; None if it was not measured."""
+    return colours.text if change is None else colours.same if change < FRAME_TOLERANCE else colours.other
 
 
 def write_report(results: Results, out: Path) -> list[Path]:
-    """Write report.html and the chart into a folder that exists: the files, the report first."""
+    """Write report.html and the chart into an existing folder; returns the files, the report first."""
     report, chart = out / "report.html", out / "speed_and_accuracy.svg"
     draw(results, chart)
     report.write_text(html(results, inline_svg(chart)), encoding="utf-8")
@@ -138,7 +123,7 @@ def write_report(results: Results, out: Path) -> list[Path]:
 
 
 def html(results: Results, svg: str) -> str:
-    """The page as one HTML file that needs no other file; `svg` is the chart by `inline_svg`."""
+    """The page, which needs no other file; `svg` is the chart by `inline_svg`."""
     values = {
         "opening": _opening(results),
         "chart": svg,
@@ -155,7 +140,7 @@ def html(results: Results, svg: str) -> str:
 
 
 def folded(results: Results) -> list[tuple[str, Table]]:
-    """Tables that a reader opens, with their titles."""
+    """The folded tables and their titles."""
     found = [
         (f"Where a method dominates {OURS}", tables.losses(results)),
         ("What each kind of task is", tables.kinds(results)),
@@ -168,7 +153,6 @@ def folded(results: Results) -> list[tuple[str, Table]]:
 
 
 def _opening(results: Results) -> str:
-    """What was measured."""
     quick = " This was the quick form: two arms, without slow methods." if results["quick"] else ""
     counts = f"{len(results['methods'])} methods on {len(results['tasks'])} tasks; seed {results['seed']}."
     own = results["kinematics"] == OURS
@@ -184,7 +168,7 @@ def machine(results: Results) -> str:
 
 
 def inline_svg(file: Path) -> str:
-    """A chart in light colours as an element of the page, in the page's own: dark where the reader's are."""
+    """A light chart as an element of the page, in the page's colours: dark if the reader prefers dark."""
     text = file.read_text(encoding="utf-8")
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)

@@ -1,4 +1,4 @@
-"""results.json: everything that a comparison measured, and all that charts, tables and page read.
+"""results.json: everything that a comparison measured; charts, tables and page are made from it.
 
     {"schema": 2, "machine": {...}, "versions": {...}, "seed": 0, "quick": false,
      "kinematics": "Pinocchio", "methods": [{"name": ..., "family": ..., "about": ..., "setting": {...}}, ...],
@@ -29,33 +29,32 @@ from invariantqp.workbench.compare.method import OURS, Method
 from invariantqp.workbench.compare.tasks import OTHER_FRAME, BedTask
 
 SCHEMA = 2
-# Distributions whose versions may change a result, besides the methods' own.
+# Distributions that may change a result, besides those of the methods.
 LIBRARIES = ("numpy", "scipy", "pin", "daqp", "mujoco")
 Results = dict[str, Any]
 
 
-class Measured(NamedTuple):
-    """What was measured on one task."""
+class TaskRuns(NamedTuple):
+    """The runs on one task."""
 
     name: str
     kind: str
-    runs: dict[str, Figures]  # of each method that did not fail
+    runs: dict[str, Figures]  # by method, without those that failed
 
     @property
-    def judged(self) -> bool:
-        """Whether methods are compared on it: not in another tool frame, since some do not take the point."""
+    def is_compared(self) -> bool:
+        """Whether dominance counts: not in another tool frame, because some methods do not take the point."""
         return self.kind != OTHER_FRAME
 
     def dominating(self, name: str) -> list[str]:
-        """The methods that dominate one, but for our law in the other engine; none where methods are not compared."""
-        others = [other for other in self.runs if self.judged]
-        return [other for other in others if dominates(self.runs[other], self.runs[name])]
+        """The methods that dominate one; none if dominance does not count."""
+        return [other for other in self.runs if self.is_compared and dominates(self.runs[other], self.runs[name])]
 
 
 def collect(
     methods: Sequence[Method],
     versions: dict[str, str],
-    found: Sequence[tuple[BedTask, dict[str, Figures]]],
+    measured: Sequence[tuple[BedTask, dict[str, Figures]]],
     *,
     seed: int,
     quick: bool,
@@ -73,22 +72,22 @@ def collect(
         "quick": quick,
         "kinematics": "Pinocchio" if is_installed("pinocchio") else OURS,
         "methods": rows,
-        "tasks": [{key: getattr(task, key) for key in ("name", "arm", "kind")} for task, _ in found],
+        "tasks": [{key: getattr(task, key) for key in ("name", "arm", "kind")} for task, _ in measured],
         "runs": [
             {"task": task.name, "method": name, "figures": plain(run)}
-            for task, runs in found
+            for task, runs in measured
             for name, run in runs.items()
         ],
     }
 
 
-def measured(results: Results) -> list[Measured]:
-    """What was measured, task by task."""
+def measured(results: Results) -> list[TaskRuns]:
+    """The runs, task by task."""
     runs: dict[str, dict[str, Figures]] = {task["name"]: {} for task in results["tasks"]}
     for run in results["runs"]:
         if "failed" not in run["figures"]:
             runs[run["task"]][run["method"]] = run["figures"]
-    return [Measured(task["name"], task["kind"], runs[task["name"]]) for task in results["tasks"]]
+    return [TaskRuns(task["name"], task["kind"], runs[task["name"]]) for task in results["tasks"]]
 
 
 def failures(results: Results) -> list[tuple[str, str, str]]:
@@ -97,7 +96,7 @@ def failures(results: Results) -> list[tuple[str, str, str]]:
     return [(run["method"], run["task"], run["figures"]["failed"]) for run in failed]
 
 
-def tick_us(tasks: Sequence[Measured], name: str) -> tuple[float, float]:
+def tick_us(tasks: Sequence[TaskRuns], name: str) -> tuple[float, float]:
     """Median and 99th percentile of a method's ticks [us]: medians over tasks."""
     runs = [task.runs[name] for task in tasks if name in task.runs]
     times = [[run["us"], run["us_p99"]] for run in runs] or [[math.nan, math.nan]]
@@ -106,10 +105,7 @@ def tick_us(tasks: Sequence[Measured], name: str) -> tuple[float, float]:
 
 
 def write_results(file: Path, results: Results) -> None:
-    """Write results with one run in a line, so that two files can be compared line by line.
-
-    The file appears complete or not at all, even if the program is interrupted.
-    """
+    """Write results, a run a line, so that two files can be compared by lines; an interrupt leaves no partial file."""
     lines = ",\n  ".join(json.dumps(run, allow_nan=False, separators=(",", ":")) for run in results["runs"])
     head = json.dumps({key: value for key, value in results.items() if key != "runs"}, indent=1, allow_nan=False)
     part = file.with_suffix(".part")
@@ -118,10 +114,7 @@ def write_results(file: Path, results: Results) -> None:
 
 
 def plain(figures: Figures) -> Figures:
-    """Figures as JSON has them: null for one that is not finite, four significant digits for every other one.
-
-    Repeated measurements do not agree to more.
-    """
+    """Figures as JSON: null if not finite, else four digits; repeated measurements do not agree to more."""
     return {key: _plain(value) for key, value in figures.items()}
 
 
@@ -133,7 +126,7 @@ def _plain(value: Any) -> Any:
 
 def machine() -> dict[str, str | int]:
     """Processor, number of cores, operating system, and version of Python."""
-    info = Path("/proc/cpuinfo")  # where the system's name of the processor is a family's
+    info = Path("/proc/cpuinfo")  # Linux; elsewhere `platform` has the name
     lines = info.read_text(encoding="utf-8", errors="replace").splitlines() if info.is_file() else []
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return {
@@ -145,7 +138,7 @@ def machine() -> dict[str, str | int]:
 
 
 def own_versions() -> dict[str, str]:
-    """The version of this package and of each library above that is installed."""
+    """Versions of this package and of the installed ones of LIBRARIES."""
     found = {"invariantqp": __version__}
     for name in LIBRARIES:
         with suppress(PackageNotFoundError):

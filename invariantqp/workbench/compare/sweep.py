@@ -1,4 +1,4 @@
-"""A comparison: every method that can be run on every task, as results.json has it."""
+"""Runs a comparison: every installed method on every task. The result is the content of results.json."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from invariantqp.workbench.compare.results import Results, collect
 from invariantqp.workbench.compare.tasks import KINDS, BedTask, bed, from_file
 from invariantqp.workbench.runs.taskfile import load_task
 
-# Every method; ours is the first.
+# All methods; ours is the first.
 METHODS: dict[str, Method] = {method.name: method for name in MODULES for method in import_module(name).METHODS}
 # The arms of the quick form: seven joints and five.
 QUICK = ("panda", "so101")
@@ -24,26 +24,26 @@ QUICK = ("panda", "so101")
 def chosen(
     words: Sequence[str] | None, known: Iterable[str], what: str, groups: dict[str, list[str]] | None = None
 ) -> list[str]:
-    """The names that some words stand for, in their order: a name, a group, or part of a name; None is all."""
-    names, more = list(known), groups or {}
+    """The names that words select, in order: by name, by group, or by part of a name; None selects all."""
+    names, groups = list(known), groups or {}
     if words is None:
         return names
-    meant: dict[str, None] = {}
+    selected: dict[str, None] = {}
     for word in words:
         low = word.strip().lower()
         exact = [name for name in names if name.lower() == low]
-        found = exact or more.get(low) or [name for name in names if low and low in name.lower()]
-        if not found:
-            options = [*names, *more]
+        matches = exact or groups.get(low) or [name for name in names if low and low in name.lower()]
+        if not matches:
+            options = [*names, *groups]
             raise UnknownName(what, word, difflib.get_close_matches(word, options), options)
-        meant |= dict.fromkeys(found)
-    return list(meant)
+        selected |= dict.fromkeys(matches)
+    return list(selected)
 
 
 def methods_named(words: Sequence[str] | None) -> list[Method]:
-    """The methods of some names, families or parts of names, in the order of the table.
+    """The methods of names, families or parts of names, in the order of the table.
 
-    Those with settings that are not the best are in no default, and no part of a name stands for them.
+    Methods of the family "other settings" are selected by their full name or their family only.
     """
     families = {family: [m.name for m in METHODS.values() if m.family == family] for family in FAMILIES}
     others = families[OTHER_SETTINGS]
@@ -59,7 +59,7 @@ def methods_named(words: Sequence[str] | None) -> list[Method]:
 def tasks_of(
     files: Sequence[str], arms: Sequence[str] | None, kinds: Sequence[str] | None, seed: int, *, quick: bool
 ) -> list[BedTask]:
-    """The tasks of task files, or those of the bed where none is named."""
+    """The tasks of task files, or of the bed if none is given."""
     if files:
         if arms or kinds:
             raise BadInput("TASK", "--arms or --kinds too", "TASK alone: these choose tasks of the bed")
@@ -82,21 +82,21 @@ def sweep(
     jobs: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Results:
-    """Measure every method that can be run here on every task: the content of results.json.
+    """Measure every installed method on every task: the content of results.json.
 
     Args:
         tasks: as `tasks_of` makes them.
         methods: as `methods_named` finds them.
-        seed: what the tasks were made from.
+        seed: the seed of the tasks.
         quick: whether slow methods are left out.
-        jobs: how many tasks are measured at a time; -1 is one a core, or one for each worker of the back end that
-            `joblib.parallel_config` names. For times to quote, 1.
-        progress: called with (tasks done, tasks in all).
+        jobs: tasks at a time; -1 is one a core, or one for each worker of the back end of `joblib.parallel_config`. For
+            times to quote, 1.
+        progress: called with (tasks done, number of tasks).
     """
-    asked = [method for method in methods if not (quick and method.slow)]
-    with closing(Workers(asked)) as workers:
+    requested = [method for method in methods if not (quick and method.slow)]
+    with closing(Workers(requested)) as workers:
         versions = workers.installed()
-    able = [method for method in asked if method.name in versions]
+    able = [method for method in requested if method.name in versions]
     if not able:
         names = ", ".join(method.name for method in methods)
         raise BadInput("--methods", f"{names}: none of these can be run", "a method that is installed and not left out")

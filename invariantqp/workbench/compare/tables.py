@@ -1,4 +1,4 @@
-"""The comparison as tables: a row a method or a task."""
+"""Tables of a comparison, a row for each method or task."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from invariantqp.workbench.compare.figures import BETTER, FLOORS, WORSE, Figures, dominates
 from invariantqp.workbench.compare.method import OURS
-from invariantqp.workbench.compare.results import Measured, Results, failures, measured, tick_us
+from invariantqp.workbench.compare.results import Results, TaskRuns, failures, measured, tick_us
 from invariantqp.workbench.compare.tasks import KINDS
 
 NOTHING, ROUNDING = "-", 1e-12
@@ -28,14 +28,14 @@ CELLS = (
 
 
 class Table(NamedTuple):
-    """Rows of strings under the names of their columns; the first column names the row."""
+    """Rows of strings; the first column names the row."""
 
     columns: Sequence[str]
     rows: Sequence[Sequence[str]]
 
 
 def figure(value: float | None, style: str = "{:.2g}") -> str:
-    """A figure as text without a power of ten where it has one to four digits; a dash for None."""
+    """A figure as text, without an exponent from 1e-4 to 1e5; a dash for None and NaN."""
     if value is None or not isfinite(value):
         return NOTHING
     text = style.format(value)
@@ -48,28 +48,28 @@ def names_of(results: Results) -> list[str]:
 
 
 def summary(results: Results) -> Table:
-    """Every method: time of a tick; tasks in which it dominates, raised, left a limit; change by another tool frame."""
+    """Every method: tick times, dominance, exceptions, limit violations, change in another tool frame."""
     tasks = measured(results)
     failed = failures(results)
     rows = []
     for name in names_of(results):
         runs = [(task, task.runs[name]) for task in tasks if name in task.runs]
-        judged = [(task, run) for task, run in runs if task.judged]
-        both = [(run, task.runs[OURS]) for task, run in judged if OURS in task.runs and name != OURS]
+        compared = [(task, run) for task, run in runs if task.is_compared]
+        both = [(run, task.runs[OURS]) for task, run in compared if OURS in task.runs and name != OURS]
         over, under = sum(dominates(a, b) for a, b in both), sum(dominates(b, a) for a, b in both)
-        by_any = sum(bool(task.dominating(name)) for task, _ in judged)
+        by_any = sum(bool(task.dominating(name)) for task, _ in compared)
         times = (figure(value, "{:.3g}") for value in tick_us(tasks, name))
         raised = sum(run["exceptions"] > 0 for _, run in runs) + sum(method == name for method, _, _ in failed)
         left = sum(run["violations"] > 0 for _, run in runs)
         against = [NOTHING, NOTHING] if name == OURS else [str(over), str(under)]
         change = figure(frame_change(tasks, name), "{:.0e}")
-        rows.append([name, *times, *against, f"{by_any} of {len(judged)}", str(raised), str(left), change])
+        rows.append([name, *times, *against, f"{by_any} of {len(compared)}", str(raised), str(left), change])
     heads = ("dominates ours", "ours dominates", "dominated by any", "exceptions", "limit violations")
     return Table(("method", "tick us", "p99", *heads, "frame, rad"), rows)
 
 
 def by_kind(results: Results, kinds: Sequence[str] | None = None) -> Table:
-    """Errors, accelerations and settling times of every method: a column a kind of task."""
+    """Errors, accelerations and settling times of every method, a column for each kind of task."""
     tasks = measured(results)
     present = list(dict.fromkeys(task.kind for task in tasks))
     columns = [kind for kind in present if kinds is None or kind in kinds]
@@ -89,27 +89,30 @@ def cell(runs: Sequence[Figures]) -> str:
 
 
 def geometric_mean(values: Sequence[float], least: float) -> float:
-    """Of values that are not below the least, nor below rounding."""
+    """The geometric mean of values, none below `least` nor below rounding."""
     return exp(sum(log(max(value, least, ROUNDING)) for value in values) / len(values))
 
 
 def settling(times: Sequence[float | None]) -> str:
-    """The longest of some settling times [s], None being one that was not reached."""
+    """The longest settling time [s]; "never" if one is None."""
     return "never" if None in times else figure(max(time for time in times if time is not None))
 
 
 def losses(results: Results) -> Table:
-    """The tasks in which a method dominates ours, those first where most do."""
+    """The tasks in which methods dominate ours, most methods first."""
     found = [(task, task.dominating(OURS)) for task in measured(results) if OURS in task.runs]
     found = sorted((pair for pair in found if pair[1]), key=lambda pair: -len(pair[1]))
-    rows = [[task.name, one(task, OURS), ", ".join(by), one(task, _nearest(task, by))] for task, by in found]
+    rows = [
+        [task.name, one(task, OURS), ", ".join(by), one(task, min(by, key=lambda name: task.runs[name]["mm"]))]
+        for task, by in found
+    ]
     return Table(("task", OURS, "dominated by", "the nearest of these"), rows)
 
 
 def lost_kinds(results: Results) -> Table:
-    """The kinds of tasks in which methods dominate ours: in how many, and which methods most often."""
+    """The kinds of tasks in which methods dominate ours: how many tasks, and which methods most often."""
     rows = []
-    tasks = [task for task in measured(results) if OURS in task.runs and task.judged]
+    tasks = [task for task in measured(results) if OURS in task.runs and task.is_compared]
     for kind in dict.fromkeys(task.kind for task in tasks):
         found = [task.dominating(OURS) for task in tasks if task.kind == kind]
         names = Counter(name for by in found for name in by)
@@ -119,19 +122,15 @@ def lost_kinds(results: Results) -> Table:
     return Table(("kind of task", "tasks", "by, most often"), rows)
 
 
-def _nearest(task: Measured, names: Sequence[str]) -> str:
-    return min(names, key=lambda name: task.runs[name]["mm"])
-
-
-def one(task: Measured, name: str) -> str:
-    """What is compared of a run."""
+def one(task: TaskRuns, name: str) -> str:
+    """The compared figures of a run."""
     run = task.runs[name]
     values = [figure(run[key]) for key in ("mm", "deg", "acceleration", "acceleration_rms")]
     return " · ".join([*values, settling([run["settling"]])])
 
 
 def kinds(results: Results) -> Table:
-    """What each kind of task is, and on how many arms."""
+    """The kinds of tasks and their number."""
     present = [task["kind"] for task in results["tasks"]]
     return Table(
         ("kind", "what it is", "tasks"),
@@ -140,7 +139,7 @@ def kinds(results: Results) -> Table:
 
 
 def settings(results: Results) -> Table:
-    """What each method is, and what it makes of what all are given."""
+    """The methods and how they use what all are given."""
     keys = ("posture", "limits", "damping", "feedforward", "point")
     rows = [(m["name"], m["about"], *(m["setting"][key] for key in keys)) for m in results["methods"]]
     return Table(("method", "what it is", *keys), rows)
@@ -154,14 +153,14 @@ def listed(results: Results) -> Table:
     return Table(("task", "method", *keys), rows)
 
 
-def frame_change(tasks: Sequence[Measured], name: str) -> float | None:
-    """The largest change of a joint position by another tool frame [rad]."""
+def frame_change(tasks: Sequence[TaskRuns], name: str) -> float | None:
+    """The largest change of a joint position in another tool frame [rad]."""
     found: list[Any] = [task.runs[name].get("frame_rad") for task in tasks if name in task.runs]
     return max((value for value in found if value is not None), default=None)
 
 
 def broken_promises(results: Results) -> list[str]:
-    """What is wrong with our answers, task by task: an exception, a limit violated, no measurement."""
+    """Failures of our law, task by task: an exception, a violated limit, no measurement."""
     found = []
     for run in results["runs"]:
         figures = run["figures"]

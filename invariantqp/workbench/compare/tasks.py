@@ -1,8 +1,8 @@
-"""The bed: kinds of tasks on five arms, made from a seed, and the tasks of task files in the same form.
+"""The bed: kinds of tasks on five arms, made from a seed; and task files as such tasks.
 
-A task is data: where the joints start, and in each tick a target, its twist, and the noise of the measured positions.
-Commands are executed exactly: q <- q + dt x. Paths are joint paths of minimum jerk, so that targets can be reached
-unless the kind says otherwise.
+A task is data: the joint positions at the start, and for each tick a target, its twist and the noise of the measured
+positions. Commands are executed exactly: q <- q + dt x. Paths are joint paths of minimum jerk, so that targets are
+within reach unless the kind says otherwise.
 """
 
 from __future__ import annotations
@@ -14,23 +14,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
-from invariantqp.control.controller import posture_of
-from invariantqp.control.measure import ToolMeasure
-from invariantqp.control.tracking import tracking_gain
+from invariantqp.control.controller import Controller, posture_of
 from invariantqp.errors import BadInput, RobotModelError
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
-from invariantqp.velocity.limits import accelerations
 from invariantqp.workbench.compare.arms import STARTS, arm, as_chain, chain_of, urdf
 from invariantqp.workbench.compare.method import LoopSpec
 from invariantqp.workbench.runs.frames import random_displacement
 from invariantqp.workbench.runs.prepare import prepare, twists_between
 from invariantqp.workbench.runs.taskfile import LawSpec, Task
 
-# Where a radian of a turn counts for so many metres when singularities are looked for.
+# The length of the measure in the search for singularities [m/rad].
 RADIAN = 0.4
-# Singularities that users know, each passed from one joint position to the other; of other arms three are looked for.
+# Joint positions on either side of well-known singularities; for other arms three are searched for.
 SINGULARITIES: dict[str, dict[str, tuple[tuple[float, ...], tuple[float, ...]]]] = {
     "panda": {
         "elbow": ((0.0, -0.2, 0.0, -1.2, 0.0, 1.6, 0.8), (0.1, 0.35, 0.1, -0.12, 0.1, 1.6, 0.9)),
@@ -42,43 +39,43 @@ SINGULARITIES: dict[str, dict[str, tuple[tuple[float, ...], tuple[float, ...]]]]
     },
 }
 SINGULAR_TASKS = 3
-# A smallest singular value of which is less [m/rad]: its radians count RADIAN.
+# Tolerance of the smallest singular value in a singularity [m/rad].
 SINGULAR = 2e-3
-# Small arms jump half as far.
+# Arms whose targets jump half as far.
 SMALL = ("so101", "random4")
-# Noise of encoders that are told to stay [rad], and the longest time by which a target may be late [s].
+# Noise of encoders [rad], and the largest delay of a target [s].
 COUNTS, LATE = 2e-5, 0.02
 OTHER_FRAME = "other tool frame"
-# The rate of a stream of targets [1/s], and that of one that is stale.
+# Rates of a stream of targets and of a stale one [Hz].
 STREAM, STALE = 50.0, 10.0
 
 
 @dataclass(frozen=True, eq=False)
 class BedTask:
-    """One arm, one motion."""
+    """One motion of one arm."""
 
     name: str  # "panda/free", or that of a task file
     arm: str
     kind: str  # a key of KINDS, or "task file"
     spec: LoopSpec
     q0: Array  # (m,) joint positions at the start
-    targets: Array  # (n, 4, 4) tool poses asked for
+    targets: Array  # (n, 4, 4) commanded tool poses
     feedforward: Array | None  # (n, 6) their twists
-    noise: Array  # (n, m) what measured joint positions are off by
+    noise: Array  # (n, m) of the measured joint positions
     desired: Array  # (n, 4, 4) tool poses that errors are measured from
-    judged: LoopSpec  # the arm with the tool frame of these, and the point at which errors are measured
+    judged: LoopSpec  # the arm with the tool frame of `desired` and the point at which errors are measured
     settles_from: int = 0  # the tick from which settling counts
-    original: BedTask | None = None  # the task of which this is the same motion in another tool frame
+    original: BedTask | None = None  # the same motion in the original tool frame
 
 
 def minimum_jerk(u: ArrayLike) -> Array:
-    """From 0 at u = 0 to 1 at u = 1, at rest before and after."""
+    """Minimum-jerk profile from 0 at u = 0 to 1 at u = 1."""
     s = np.clip(u, 0.0, 1.0)
     return np.asarray(s**3 * (10.0 - 15.0 * s + 6.0 * s**2))
 
 
 def joint_path(points: Sequence[ArrayLike], duration: float, dt: float, rest: float = 0.0) -> Array:
-    """(n, m) joint positions through points, at rest at each, and at rest for some time [s] after them."""
+    """(n, m) joint positions through points, at rest at each, and for `rest` [s] at the last."""
     corners = np.array(points, np.float64)
     u = np.linspace(0.0, len(corners) - 1.0, int(duration / dt) + 1)
     i = np.minimum(u.astype(int), len(corners) - 2)
@@ -87,12 +84,12 @@ def joint_path(points: Sequence[ArrayLike], duration: float, dt: float, rest: fl
 
 
 def twists_of(poses: Array, dt: float) -> Array:
-    """(n, 6) the twists that lead from each pose to the next, the last at rest."""
+    """(n, 6) twists from each pose to the next; the last is zero."""
     return np.vstack((twists_between(poses, dt), np.zeros(6)))
 
 
 class Maker:
-    """The tasks of one arm."""
+    """Makes the tasks of one arm."""
 
     def __init__(self, name: str, seed: int) -> None:
         self.name, self.seed, self.robot = name, seed, arm(name, seed)
@@ -103,7 +100,7 @@ class Maker:
         self.low, self.high = low, high
         away = self.rng.uniform(-1.0, 1.0, len(q0))
         self.path_end = np.clip(q0 + 0.35 * away / np.abs(away).max(), low + 0.15, high - 0.15)
-        # The joint that is nearest to a limit, but of wrists; and positions of all with it beyond that limit.
+        # The joint nearest to a limit, wrists excepted.
         self.joint = int(np.argmin(np.minimum(high - q0, q0 - low)[: max(4, len(q0) - 2)]))
         self.up = high[self.joint] - q0[self.joint] < q0[self.joint] - low[self.joint]
         self.free_path = self.poses(joint_path([q0, self.path_end, q0], 3.0, 0.002))
@@ -126,7 +123,7 @@ class Maker:
         desired: Array | None = None,
         settles_from: int = 0,
     ) -> BedTask:
-        """A task of targets (n, 4, 4); `feedforward` True is their twist, False none, `noise` a standard deviation."""
+        """A task of targets (n, 4, 4); `feedforward`: True is their twist; `noise` is a deviation."""
         spec = spec_of(self.robot, LawSpec(dt=dt, gain=gain, acceleration_limit=acceleration))
         ahead = twists_of(targets, dt) if feedforward is True else None if feedforward is False else feedforward
         return BedTask(
@@ -144,24 +141,24 @@ class Maker:
         )
 
     def beyond(self, by: float) -> float:
-        """The position that the joint nearest to a limit has so far beyond it."""
+        """The position of the joint nearest to a limit, this far beyond the limit."""
         return float(self.high[self.joint] + by if self.up else self.low[self.joint] - by)
 
     def path_beyond_limits(self) -> tuple[Array, float]:
-        """Targets (n, 4, 4) of a path 1.4 times as fast as joints are and 0.2 rad beyond a limit, and its duration."""
+        """Targets (n, 4, 4) at 1.4 times the speed limit and 0.2 rad beyond a position limit, and the duration."""
         far = self.path_end.copy()
         far[self.joint] = self.beyond(0.2)
         duration = 2.0 * 1.875 / 1.4 * float((np.abs(far - self.q0) / self.robot.velocity_limit).max())
         return self.poses(joint_path([self.q0, far, self.q0], duration, 0.002, rest=0.5)), duration
 
     def at_limits(self, kind: str = "limits", acceleration: float | None = None) -> BedTask:
-        """Position and speed limits met, and those of accelerations."""
+        """A path that meets position and speed limits, and acceleration limits if given."""
         targets, duration = self.path_beyond_limits()
         return self.task(kind, targets, 0.002, 50.0, acceleration=acceleration, settles_from=int(duration / 0.002))
 
     def singularities(self) -> list[BedTask]:
-        """Through singularities, targets displaced by 5 mm and 0.01 rad on the way."""
-        found = []
+        """Paths through singularities, with targets displaced by 5 mm and 0.01 rad."""
+        tasks = []
         for kind, ends in self.ends().items():
             targets = self.poses(joint_path(ends, 3.0, 0.005, rest=1.0))
             k = np.arange(len(targets))
@@ -170,14 +167,14 @@ class Maker:
             dv, dw = 0.005 * dv / np.linalg.norm(dv), 0.01 * dw / np.linalg.norm(dw)
             targets[:, :3, 3] += weight[:, None] * dv
             targets[:, :3, :3] = [se3.rotation(u * dw).dot(T[:3, :3]) for u, T in zip(weight, targets, strict=True)]
-            found.append(self.task(f"singular {kind}", targets, 0.005, 20.0, q0=ends[0], settles_from=600))
-        return found
+            tasks.append(self.task(f"singular {kind}", targets, 0.005, 20.0, q0=ends[0], settles_from=600))
+        return tasks
 
     def ends(self) -> dict[str, tuple[Array, Array]]:
         """Joint positions on either side of up to three singularities."""
         known = SINGULARITIES.get(self.name, {})
         found = {key: (np.array(a), np.array(b)) for key, (a, b) in known.items()}
-        if self.name == "ur5e":  # its wrist's centre over the first axis
+        if self.name == "ur5e":  # the wrist's centre over the first axis
             q = np.tile([0.1, 0.0, 1.9, -1.6, -1.4, 0.3], (3001, 1))
             q[:, 1] = np.linspace(-3.0, 0.0, len(q))
             over = q[int(np.argmin([self.smallest(x) for x in q]))]
@@ -190,14 +187,14 @@ class Maker:
         return found
 
     def smallest(self, q: Array) -> float:
-        """The smallest singular value at joint positions (m,), a radian counting RADIAN."""
+        """The smallest singular value at joint positions (m,), measured with the length RADIAN."""
         weight = np.repeat([RADIAN, 1.0], 3)[:, None]
         twists = self.robot.jacobian(q).copy()
         twists[3:] = se3.velocity_at(twists, self.robot.pose(q)[:3, 3])
         return float(np.linalg.svd(weight * twists, compute_uv=False)[-1])
 
     def around_a_singularity(self) -> tuple[Array, Array] | None:
-        """Joint positions on either side of a singularity that is looked for from random ones; None without."""
+        """Joint positions on either side of a singularity, searched for from random starts; None if none is found."""
         low, high, m = self.low, self.high, len(self.q0)
         best = self.q0
         for _ in range(12):
@@ -216,7 +213,7 @@ class Maker:
         return np.clip(best - step, low + 0.02, high - 0.02), np.clip(best + step, low + 0.02, high - 0.02)
 
     def out_of_reach(self) -> list[BedTask]:
-        """A target 3 m away and back at once, and one that goes out of reach and comes back."""
+        """A target that jumps 3 m away and back, and one that leaves the reach and returns."""
         far = self.T0.copy()
         far[0, 3] += 3.0
         targets = np.array([far] * 400 + [self.T0] * 600)
@@ -228,7 +225,7 @@ class Maker:
         return [once, self.task("out of reach slowly", targets, 0.005, 20.0, settles_from=900)]
 
     def stay(self) -> list[BedTask]:
-        """To stay, with noise."""
+        """Hold a pose with measurement noise."""
         targets = np.repeat(self.T0[None], 1000, axis=0)
         return [self.task("stay", targets, 0.01, 10.0, feedforward=False, noise=COUNTS)]
 
@@ -240,28 +237,28 @@ class Maker:
         return self.task(f"turn {degrees:g}", targets, 0.01, 10.0, feedforward=False)
 
     def jump(self, kind: str, dt: float, ticks: int, acceleration: float | None = None) -> BedTask:
-        """150 mm away at once, not turned."""
+        """A jump of 150 mm without a rotation."""
         end, step = self.T0.copy(), np.array([0.5, 0.6, -0.6])
         end[:3, 3] += (0.075 if self.name in SMALL else 0.15) * step / np.linalg.norm(step)
         targets = np.repeat(end[None], ticks, axis=0)
         return self.task(kind, targets, dt, 10.0, feedforward=False, acceleration=acceleration)
 
     def outside(self) -> list[BedTask]:
-        """From 0.05 rad outside a position limit to a pose inside."""
+        """A start 0.05 rad outside a position limit, a target inside."""
         q0, robot, j = self.q0.copy(), self.robot, self.joint
         q0[j] = robot.position_upper[j] + 0.05 if self.up else robot.position_lower[j] - 0.05
         targets = np.repeat(robot.pose(self.path_end)[None], 600, axis=0)
         return [self.task("outside", targets, 0.005, 10.0, q0=q0, feedforward=False)]
 
     def invalid(self) -> list[BedTask]:
-        """The free path, a target of it now and then not finite."""
+        """The free path with some targets that are not finite."""
         targets = self.free_path.copy()
         targets[300:306], targets[400, 0, 3], targets[500, :3, :3], targets[600, 0, 3] = np.nan, np.nan, np.nan, np.inf
         ahead = twists_of(self.free_path, 0.002)
         return [self.task("NaN", targets, 0.002, 50.0, feedforward=ahead, desired=self.free_path)]
 
     def stream(self, kind: str, rate: float, late: float) -> BedTask:
-        """The free path as a stream of some rate, each target late by up to `late` seconds; without feedforward."""
+        """The free path as a stream of targets at a rate [Hz], each late by up to `late` [s], without feedforward."""
         path, dt = self.free_path, 0.002
         sent = np.arange(0.0, len(path) * dt, 1.0 / rate)
         arrived = sent + self.rng.uniform(0.0, late, len(sent))
@@ -271,14 +268,15 @@ class Maker:
         return self.task(kind, targets, dt, 50.0, feedforward=False, desired=path)
 
     def other_frame(self) -> list[BedTask]:
-        """The task at limits, its tool frame elsewhere on the tool."""
+        """The path at limits, in another tool frame."""
         return [displaced(self.at_limits(OTHER_FRAME), random_displacement(self.seed))]
 
 
 def spec_of(robot: Robot, law: LawSpec) -> LoopSpec:
-    """What methods are given of an arm with a [law]."""
+    """The inputs of every method, from an arm and a [law]."""
     posture, posture_gain = posture_of(law.posture, law.posture_gain, robot)
     limit, point, chain = law.acceleration_limit, np.array(law.point), as_chain(robot)
+    ours = Controller(robot, dt=law.dt, gain=law.gain, delay=law.delay, point=point, length=law.length)
     if law.position_margin:
         chain = chain.with_limits(
             chain.position_lower + law.position_margin, chain.position_upper - law.position_margin
@@ -286,7 +284,7 @@ def spec_of(robot: Robot, law: LawSpec) -> LoopSpec:
     try:
         text = urdf(chain)
     except RobotModelError:
-        text = ""  # methods that need one say so
+        text = ""  # methods that need a URDF refuse it
     return LoopSpec(
         names=chain.names,
         screws=chain.screws,
@@ -297,17 +295,17 @@ def spec_of(robot: Robot, law: LawSpec) -> LoopSpec:
         posture=np.asarray(posture),
         posture_gain=np.asarray(posture_gain),
         dt=law.dt,
-        gain=tracking_gain(law.gain, law.dt, law.delay),
-        acceleration_limit=None if limit is None else accelerations(limit, len(chain.names)),
+        gain=ours.gain,
+        acceleration_limit=None if limit is None else np.full(len(chain.names), limit),
         point=point,
-        length=ToolMeasure(robot, point, law.length).length,
+        length=ours.measure.length,
         urdf=text,
         law={**law.model_dump(), "position_margin": 0.0},
     )
 
 
 def displaced(task: BedTask, X: Array) -> BedTask:
-    """The same motion of a tool frame displaced by X (4, 4) in itself; point and length stay where they are."""
+    """The same motion in a tool frame displaced by X (4, 4); point and length stay where they are."""
     spec = task.spec
     robot = chain_of(spec).with_tool(X)
     point = se3.inverse(X).dot([*spec.point, 1.0])[:3]
@@ -321,7 +319,7 @@ def displaced(task: BedTask, X: Array) -> BedTask:
     )
 
 
-# What each kind of task is: a line for tables, and what makes its tasks.
+# Kinds of tasks: a line for tables, and the function that makes them.
 KINDS: dict[str, tuple[str, Callable[[Maker], list[BedTask]]]] = {
     "free": ("a slow path", lambda a: [a.task("free", a.free_path, 0.002, 50.0)]),
     "no feedforward": (
@@ -351,13 +349,17 @@ KINDS: dict[str, tuple[str, Callable[[Maker], list[BedTask]]]] = {
 
 
 def bed(arms: Sequence[str], kinds: Sequence[str], seed: int = 0) -> list[BedTask]:
-    """The tasks of some arms and kinds; each is the same whichever others are made."""
+    """The tasks of some arms and kinds; each depends on nothing but its arm, kind and seed."""
     return [replace(task, kind=kind) for name in arms for kind in kinds for task in KINDS[kind][1](Maker(name, seed))]
 
 
 def from_file(task: Task, seed: int = 0) -> list[BedTask]:
-    """The task of a task file, a second of rest at its end; and the same in a tool frame elsewhere on the tool."""
-    has = {
+    """A task file as a task with one second of rest at its end; and the same in another tool frame.
+
+    Raises:
+        BadInput: the task needs something that other methods do not have.
+    """
+    unsupported = {
         "in contact": task.contact,
         "with elastic timing": task.path.timing == "elastic",
         "with something free": task.part,
@@ -367,9 +369,9 @@ def from_file(task: Task, seed: int = 0) -> list[BedTask]:
         "with a tool speed": task.law.tool_speed,
         "with a delay": task.law.delay or task.physics.delay,
     }
-    for what, value in has.items():
-        if value:
-            raise BadInput("TASK", f"{task.name}, {what}", "a task without this, which other methods do not have")
+    for feature, is_used in unsupported.items():
+        if is_used:
+            raise BadInput("TASK", f"{task.name}, {feature}", "a task without this, which other methods do not have")
     setup = prepare(task)
     problem, rest = setup.problem, round(1.0 / task.law.dt)
     targets = np.concatenate((problem.poses, np.repeat(problem.poses[-1:], rest, axis=0)))

@@ -1,13 +1,13 @@
-"""A process that runs methods of one environment: requests in, answers out, a line of JSON each.
+"""A process that runs methods of one environment: a line of JSON for each request and each answer.
 
-    {"request": "methods"}                              names of the methods that are installed, and their versions
-    {"request": "task", "task": ...}                    what the next loops are made for
-    {"request": "make", "method": ...}                  its loop
-    {"request": "run", "method": ..., "ticks": n}       n more ticks
-    {"request": "end", "method": ...}                   joint positions, velocities, times, exceptions
+    {"request": "methods"}                              installed methods and their versions
+    {"request": "task", "task": ...}                    set the task
+    {"request": "make", "method": ...}                  make a method's loop
+    {"request": "run", "method": ..., "ticks": n}       run n more ticks
+    {"request": "end", "method": ...}                   return joint positions, velocities, times, exceptions
 
-Run: python -m invariantqp.workbench.compare.worker ENVIRONMENT. A rival's environment has NumPy and the rival, not the
-requirements of this library.
+Run: python -m invariantqp.workbench.compare.worker ENVIRONMENT. An environment of a library has NumPy and that library,
+not the requirements of this package.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ RESULTS = ("positions", "velocities", "times_us", "exceptions", "stopped")
 
 
 class Run:
-    """One method on one task."""
+    """A run of one method on one task."""
 
     def __init__(self, method: Method, task: dict[str, Any]) -> None:
         spec = LoopSpec.from_json(task["spec"])
@@ -50,9 +50,9 @@ class Run:
         self.exceptions: dict[str, int] = {}
 
     def run(self, ticks: int) -> None:
-        """So many ticks more: the arm stops in one that raises or whose answer is not finite.
+        """Run more ticks. The arm stops in a tick that raises or whose answer is not finite.
 
-        Where the target is not finite either, to refuse it is right, and is not counted as an exception.
+        Such a tick counts as an exception unless its target is not finite: then a refusal is right.
         """
         first = len(self.times_us)
         for k in range(first, min(first + ticks, len(self.targets))):
@@ -77,19 +77,19 @@ class Run:
             self.positions.append(self.q.tolist())
 
     def end(self) -> dict[str, Any]:
-        """What was run."""
+        """The results."""
         return {key: getattr(self, key) for key in RESULTS}
 
 
 def methods_of(environment: str) -> dict[str, Method]:
-    """The methods of an environment that are installed in it, by their names."""
+    """The installed methods of an environment by their names."""
     modules = MODULES[-1:] if environment else MODULES
     rows = [row for module in modules for row in import_module(module).METHODS if row.environment == environment]
     return {row.name: row for row in rows if all(find_spec(name) is not None for name in row.needs)}
 
 
 class Worker:
-    """What answers requests: the task, and the runs that have not ended."""
+    """Answers requests; holds the task and the runs that have not ended."""
 
     def __init__(self, environment: str) -> None:
         self.methods, self.runs = methods_of(environment), dict[str, Run]()
@@ -116,9 +116,9 @@ def _version(distribution: str) -> str:
 
 
 def main(environment: str = "") -> None:
-    """Answer requests until there are no more."""
+    """Answer requests until the input ends."""
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)  # what libraries print is no answer
+    os.dup2(2, 1)  # output of libraries goes to standard error
     logging.disable(logging.CRITICAL)
     warnings.simplefilter("ignore")
     np.seterr(all="ignore")
@@ -126,10 +126,10 @@ def main(environment: str = "") -> None:
     gc.disable()
     for line in sys.stdin:
         try:
-            found = {"reply": worker.reply(**json.loads(line))}
+            answer = {"reply": worker.reply(**json.loads(line))}
         except (Exception, SystemExit) as error:  # noqa: BLE001 (a method that fails is a row of the report)
-            found = {"failed": f"{type(error).__name__}: {error}"[:300]}
-        answers.write(json.dumps(found) + "\n")
+            answer = {"failed": f"{type(error).__name__}: {error}"[:300]}
+        answers.write(json.dumps(answer) + "\n")
         answers.flush()
         if not worker.runs:
             gc.collect()  # between tasks, not within ticks

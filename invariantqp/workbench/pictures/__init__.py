@@ -1,1 +1,1 @@
-"""Pictures of runs, of contact and of the pitches of an arm, written to files."""
+"""Pictures of runs and of inspected arms, by Matplotlib, and the curves that pages share with them."""

@@ -1,7 +1,7 @@
-"""The charts of a run, as its picture and its page draw them: curves over the times of frames, with their limits.
+"""The charts of a run, for its picture and its page: curves over the times of frames, and the colours of all pictures.
 
-Of the ticks between two frames the worst values are shown. Colours, here and in every picture, are those of Okabe and
-Ito (2008), which colour-blind readers can tell apart.
+A frame has the worst values of the ticks since the frame before. The colours are those of Okabe and Ito (2008), which
+colour-blind readers can tell apart.
 """
 
 from __future__ import annotations
@@ -24,43 +24,43 @@ VERMILION = "#D55E00"
 BLACK = "#000000"
 YELLOW = "#F0E442"
 
-# On white paper, in the order in which curves take them.
+# Of curves on white paper, in order.
 COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILION, BLACK, YELLOW)
-# On a page that may be dark or light: grey and olive instead of black and yellow, which one of the two would hide.
+# Of curves on a page that may be dark or light: grey and olive, because either would hide black or yellow.
 SCREEN_COLOURS = (*COLOURS[:6], "#7F7F7F", "#B8A900")
 
-# Greys of what is not a result: text beside the data, reference lines, and shaded areas.
+# Greys of text beside the data, reference lines and shaded areas.
 TEXT, RULE, SHADE = "#444444", "#777777", "#999999"
 # The most frames of a run; players interpolate.
 FRAMES = 600
-# Title of the chart of errors, from which a page reads what the error is.
+# Title of the chart of errors, by which a page finds it.
 ERROR = "tracking error"
 
 
 class CurveChart(NamedTuple):
-    """Curves over the frames' times."""
+    """Curves over the times of k frames."""
 
     title: str  # with its unit
     names: tuple[str, ...]  # of the c curves
     values: Array  # (c, k)
     colours: tuple[str, ...]  # of the curves
-    levels: tuple[float, ...] = ()  # heights of horizontal lines, at limits or wanted values
-    span: tuple[float, float] | None = None  # ends of the vertical axis; None is what the curves need
+    levels: tuple[float, ...] = ()  # of horizontal lines at limits or desired values
+    span: tuple[float, float] | None = None  # ends of the vertical axis; None fits the curves
     log: bool = False  # whether that axis is logarithmic
 
 
 def frame_ends(n: int) -> Array:
-    """(k,) after how many of n ticks the frames of a run are."""
+    """(k,) the number of ticks before each frame of a run of n ticks."""
     return np.unique(np.linspace(0, n, min(n + 1, FRAMES)).round().astype(int))
 
 
 def ticks_of(ends: Array) -> list[tuple[int, int]]:
-    """First and last tick of each frame: those since the frame before; the first frame has the first tick."""
+    """The range of ticks of each frame: those since the frame before; for the first frame, the first tick."""
     return [(0, 1), *pairwise(ends.tolist())]
 
 
 def extremes(values: Array, ends: Array) -> Array:
-    """(k, ...) of (n, ...) values, one a tick: those farthest from zero since the frame before."""
+    """(k, ...) the values farthest from zero in each frame's ticks, of (n, ...) values a tick."""
     blocks = (values[a:b] for a, b in ticks_of(ends))
     return np.array([np.take_along_axis(v, np.abs(v).argmax(axis=0)[None], axis=0)[0] for v in blocks])
 
@@ -71,30 +71,27 @@ def colours(joints: int) -> tuple[str, ...]:
 
 
 def charts_of(trace: Trace, ends: Array) -> list[CurveChart]:
-    """Of a run at its frames: errors, the least distance of bodies, the press, positions and velocities by limits."""
+    """The charts of a run: errors, least distance, contact force, joint positions and velocities by their limits."""
     errors = np.column_stack((1e3 * trace.position_error, np.degrees(trace.orientation_error)))
     names, hues = ("position [mm]", "orientation [deg]"), (BLUE, ORANGE)
     charts = [CurveChart(ERROR, names, np.maximum(extremes(errors, ends), NEGLIGIBLE).T, hues, log=True)]
     if trace.clearance is not None:
-        shown, most = trace.clearance.shown
-        kept = 1e3 * trace.clearance.required
-        least = 1e3 * np.array([shown[a : b + 1].min() for a, b in ticks_of(ends)])
-        span = (min(0.0, float(least.min())), 1e3 * most)
-        charts.append(CurveChart("least distance [mm]", ("of bodies",), least[None], (BLUE,), (kept,), span))
+        distance, largest = trace.clearance.shown
+        required = 1e3 * trace.clearance.required
+        least = 1e3 * np.array([distance[a : b + 1].min() for a, b in ticks_of(ends)])
+        span = (min(0.0, float(least.min())), 1e3 * largest)
+        charts.append(CurveChart("least distance [mm]", ("of bodies",), least[None], (BLUE,), (required,), span))
     if trace.contact is not None:
-        wanted = trace.contact.wanted
-        press = extremes(np.column_stack((trace.contact.measured_press, trace.contact.press)) - wanted, ends)
+        desired = trace.contact.wanted
+        press = extremes(np.column_stack((trace.contact.measured_press, trace.contact.press)) - desired, ends)
         hues = (SKY, VERMILION)
-        charts.append(CurveChart("contact force [N]", ("as read", "true"), press.T + wanted, hues, (wanted,)))
+        charts.append(CurveChart("contact force [N]", ("as read", "true"), press.T + desired, hues, (desired,)))
     speed = extremes(trace.velocity, ends)
     return charts + limit_charts(trace.names, trace.q[ends], trace.position_limits, speed, trace.velocity_limit)
 
 
 def limit_charts(joints: Sequence[str], q: Array, limits: Array, speed: Array, speed_limit: Array) -> list[CurveChart]:
-    """Joint positions (k, m) as shares of their ranges and velocities as shares of their limits, where they have them.
-
-    So 0 and 1, -1 and 1 are the limits of every joint.
-    """
+    """Joint positions (k, m) over their ranges and velocities over their limits, of the joints that have these."""
     lower, upper = limits
     ranged, limited = np.isfinite(upper - lower) & (upper > lower), np.isfinite(speed_limit)
     place = (q[:, ranged] - lower[ranged]) / (upper - lower)[ranged]

@@ -1,6 +1,6 @@
-"""A run in one picture: its charts, and joint accelerations; in contact the curve drawn beside the curve wanted.
+"""The picture of a run: its charts and joint accelerations, or in contact the path of the tool point.
 
-That curve is seen along the contact's normal, or along the axis of a hinge, from where the tool started.
+The view of that path is along the contact's normal, or along the axis of a hinge; its origin is the start.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ from invariantqp.workbench.runs.trace import ContactTrace, PathTrace, Trace
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# What is drawn of a tool point that stays is this wide [mm]: rounding is not magnified.
-NARROWEST = 1e-2
+# Least width of the path of the tool point [mm]: rounding of a tool that stays is not magnified.
+MIN_WIDTH_MM = 1e-2
 
 
 def picture(trace: Trace, path: Path | str) -> Path:
-    """Write the picture of a run from `run_task` to a .png, .svg or .pdf file, which is returned.
+    """Draw a run from `run_task` to a .png, .svg or .pdf file, which is returned.
 
-    It shows errors, joint positions, velocities and accelerations over time, near obstacles the least distance, along
-    an elastic path its speed; in contact the force, and the curve that the tool drew.
+    Curves over time: errors, joint positions, velocities and accelerations; with obstacles the least distance; with an
+    elastic path its speed; in contact the force instead of accelerations, and the path of the tool point.
 
     Raises:
-        BadInput: no trace, another ending.
+        BadInput: not a trace, or another ending.
     """
     arrays.instance(trace, Trace, "trace", "a Trace from run_task")
     ends, contact = frame_ends(len(trace.velocity)), trace.contact
@@ -49,23 +49,22 @@ def picture(trace: Trace, path: Path | str) -> Path:
     if contact is None:
         charts.append(_accelerations(trace, ends))
     rows = len(charts) + (trace.along is not None)
-    size = (7.5 if contact is None else 11.5, 2.3 * rows)
-    with figure_file(path, size, {"font.size": 9, "axes.grid": True, "grid.alpha": 0.25}) as figure:
+    with figure_file(path, (7.5 if contact is None else 11.5, 2.3 * rows)) as figure:
         grid = figure.add_gridspec(rows, 1 if contact is None else 2)
         panels = [figure.add_subplot(grid[i, 0]) for i in range(rows)]
-        named: tuple[str, ...] = ()
+        names: tuple[str, ...] = ()
         for axes, chart in zip(panels, charts, strict=False):
             axes.sharex(panels[-1])
             axes.tick_params(labelbottom=axes is panels[-1])
-            _chart(axes, trace.time[ends], chart, legend=chart.names != named)
-            _shade(axes, trace)
-            named = chart.names
+            _chart(axes, trace.time[ends], chart, legend=chart.names != names)
+            _shade_ticks(axes, trace)
+            names = chart.names
         if trace.along is not None:
             _progress(panels[-1], trace.time[1:], trace.along)
         panels[-1].set_xlabel("time [s]")
         if contact is not None:
             _curve(figure.add_subplot(grid[:, 1]), trace, contact)
-        figure.suptitle(_title(trace), fontsize=10)
+        figure.suptitle(_title(trace))
     return Path(path)
 
 
@@ -78,7 +77,7 @@ def _title(trace: Trace) -> str:
 
 
 def _accelerations(trace: Trace, ends: Array) -> CurveChart:
-    """By the task's acceleration limit, which is at -1 and 1; as they are where it has none."""
+    """Joint accelerations as shares of the task's limit, or as they are if it has none."""
     limit, values = trace.task.law.acceleration_limit, extremes(trace.acceleration, ends)
     hues = colours(len(trace.names))
     if limit is None:
@@ -89,25 +88,20 @@ def _accelerations(trace: Trace, ends: Array) -> CurveChart:
 
 def _chart(axes: Axes, time: Array, chart: CurveChart, *, legend: bool) -> None:
     for name, values, colour in zip(chart.names, chart.values, chart.colours, strict=True):
-        axes.plot(time, values, label=name, color=colour, linewidth=1.1)
+        axes.plot(time, values, label=name, color=colour)
     for level in chart.levels:
-        axes.axhline(level, color=RULE, linestyle="--", linewidth=0.8)
+        axes.axhline(level, color=RULE, linestyle="--")
     if chart.log:
         axes.set_yscale("log")
     if chart.span is not None:
         axes.set_ylim(*chart.span)
     axes.set_ylabel(chart.title)
     if legend:
-        _legend_beside(axes)
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
-def _legend_beside(axes: Axes) -> None:
-    """A legend that covers no curve."""
-    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7)
-
-
-def _shade(axes: Axes, trace: Trace) -> None:
-    """Shade the ticks in which a limit was active; in contact the time in which it settles: errors count after it."""
+def _shade_ticks(axes: Axes, trace: Trace) -> None:
+    """Shade the ticks in which a limit was active; in contact the settling time, which errors leave out."""
     settling = np.arange(len(trace.velocity)) < trace.counted_from
     where = trace.limit_active if trace.contact is None else settling
     if np.any(where):
@@ -116,40 +110,39 @@ def _shade(axes: Axes, trace: Trace) -> None:
 
 
 def _progress(axes: Axes, time: Array, along: PathTrace) -> None:
-    """The speed along the path over that of its timing, shaded in the colour of the limit that rules it."""
+    """Speed along the path over that of its timing, shaded in the colour of the limit that determines it."""
     inside = axes.get_xaxis_transform()
     ruling = np.array(along.ruling)
     for name, colour in zip(along.slowed, cycle(COLOURS[1:]), strict=False):
         axes.fill_between(
             time, 0, 1, where=ruling == name, transform=inside, color=colour, alpha=0.3, lw=0, step="pre", label=name
         )
-    axes.plot(time, along.speed, color=COLOURS[0], linewidth=1.3)
-    axes.axhline(1.0, color=RULE, linestyle="--", linewidth=0.8)
+    axes.plot(time, along.speed, color=COLOURS[0])
+    axes.axhline(1.0, color=RULE, linestyle="--")
     axes.set_ylabel("path speed / timing")
     if along.slowed:
-        _legend_beside(axes)
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
 def _curve(axes: Axes, trace: Trace, contact: ContactTrace) -> None:
     across = np.stack(se3.perpendicular_axes(contact.normal))
     first = trace.counted_from
     desired = 1e3 * (contact.desired[first:] - contact.desired[0]).dot(across.T)
-    drawn = 1e3 * (contact.drawn[first:] - contact.desired[0]).dot(across.T)
+    actual = 1e3 * (contact.drawn[first:] - contact.desired[0]).dot(across.T)
     axes.plot(*desired.T, color=SHADE, linewidth=5.0, alpha=0.5, solid_capstyle="round", label="wanted")
-    axes.plot(*drawn.T, color=VERMILION, linewidth=1.2, label="drawn")
-    axes.plot(*drawn[-1], color=VERMILION, marker="o", markersize=4.0)
+    axes.plot(*actual.T, color=VERMILION, label="drawn")
+    axes.plot(*actual[-1], color=VERMILION, marker="o")
     middle = 0.5 * (desired.min(axis=0) + desired.max(axis=0))
-    axes.plot(*(middle + 0.5 * NARROWEST * np.array([[-1.0, -1.0], [1.0, 1.0]])).T, linestyle="none")
+    axes.plot(*(middle + 0.5 * MIN_WIDTH_MM * np.array([[-1.0, -1.0], [1.0, 1.0]])).T, linestyle="none")
     axes.set_aspect("equal", adjustable="datalim")
-    names = [_named(a) for a in across]
-    axes.set_xlabel(f"{names[0]} [mm]")
-    axes.set_ylabel(f"{names[1]} [mm]")
-    axes.legend(loc="upper right", fontsize=8)
-    axes.set_title("path of the tool point in the plane of contact", fontsize=9)
+    axes.set_xlabel(f"{_axis_name(across[0])} [mm]")
+    axes.set_ylabel(f"{_axis_name(across[1])} [mm]")
+    axes.legend(loc="upper right")
+    axes.set_title("path of the tool point in the plane of contact")
 
 
-def _named(axis: Array) -> str:
-    """A direction as "x", "-y", "z", or by its components."""
+def _axis_name(axis: Array) -> str:
+    """A direction as "x", "-y", "z", or as its components."""
     i = int(np.abs(axis).argmax())
     along = abs(axis[i]) > 1.0 - NEGLIGIBLE
     return f"{'-' if axis[i] < 0.0 else ''}{'xyz'[i]}" if along else f"({', '.join(f'{a:.2f}' for a in axis)})"

@@ -1,1 +1,1 @@
-"""A run to look at: in a browser while it is running, or as one HTML file that needs nothing else."""
+"""Views of a run: a page served while it runs, or one HTML file that needs nothing else."""

@@ -1,6 +1,6 @@
-"""What an arm looks like: the visual shapes of its URDF, reduced to a few thousand triangles.
+"""The appearance of an arm: the visual shapes of its URDF, reduced to a few thousand triangles.
 
-What i joints move is drawn at  exp(s_1 q_1) ... exp(s_i q_i) p,  p its points at q = 0 in the base frame.
+A part moved by i joints is drawn at exp(s_1 q_1) ... exp(s_i q_i) p, with its points p at q = 0 in the base frame.
 """
 
 from __future__ import annotations
@@ -22,30 +22,30 @@ from invariantqp.robots.urdf import Visual, visuals_of
 if TYPE_CHECKING:
     from invariantqp.workbench.view.meshes import Mesh
 
-# Triangles of a whole robot, about: 200 kB of a page.
+# Triangles of a whole robot: 200 kB of a page.
 TRIANGLES = 9000
-# What a file without a colour is drawn in.
+# The default colour.
 GREY = (205, 210, 215)
 
 
 class Part(NamedTuple):
-    """A rigid part of an arm, of one colour."""
+    """A rigid part of one colour."""
 
-    joint: int  # how many of the arm's joints move it
+    joint: int  # number of joints that move it
     colour: tuple[int, int, int]  # red, green, blue, 0 ... 255.
     vertices: Array  # (n, 3) at q = 0 in the base frame [length]
     faces: Array  # (f, 3) indices of corners, anticlockwise as seen from outside
 
 
 class Appearance(NamedTuple):
-    """The parts of an arm; none where it can only be drawn by its joints."""
+    """The parts of an arm; none if it is drawn by its joints."""
 
-    parts: tuple[Part, ...] = ()  # in no order
-    missing: str = ""  # the extra that would draw them, or the mesh that cannot be read; "" if nothing is missing
+    parts: tuple[Part, ...] = ()
+    missing: str = ""  # why parts are missing: an extra to install, or a mesh that cannot be read
 
 
 def appearance_of(robot: Robot, urdf: Callable[[], Path]) -> Appearance:
-    """What an arm looks like, where `urdf` finds its file; read anew where that or one of its meshes has changed."""
+    """The appearance of an arm with the URDF `urdf()`; read again after that file or a mesh has changed."""
     try:
         file = urdf()
     except (BadInput, RobotModelError, MissingExtra):  # joint screws alone
@@ -55,7 +55,7 @@ def appearance_of(robot: Robot, urdf: Callable[[], Path]) -> Appearance:
     try:
         visuals = visuals_of(*read_xml(file), file.resolve().parent)  # none of an MJCF
         files = [Path(visual.part.mesh) for visual in visuals if visual.part.kind == "mesh"]
-        return _drawn(tuple(visuals), robot, tuple(each.stat().st_mtime_ns for each in files if each.exists()))
+        return _cached(tuple(visuals), robot, tuple(each.stat().st_mtime_ns for each in files if each.exists()))
     except RobotModelError as error:
         return Appearance(missing=f"drawn by its joints: {error}")
     except MissingExtra as error:
@@ -63,7 +63,7 @@ def appearance_of(robot: Robot, urdf: Callable[[], Path]) -> Appearance:
 
 
 @lru_cache(maxsize=8)
-def _drawn(visuals: tuple[Visual, ...], robot: Chain, _changed: tuple[int, ...]) -> Appearance:
+def _cached(visuals: tuple[Visual, ...], robot: Chain, _changed: tuple[int, ...]) -> Appearance:
     return Appearance(tuple(_parts(visuals, {link.name: link for link in robot.links})) if visuals else ())
 
 
@@ -73,7 +73,7 @@ def _parts(visuals: Sequence[Visual], links: dict[str, Link]) -> Iterator[Part]:
     read = cache(read_meshes)
     groups: dict[tuple[int, tuple[int, int, int]], list[Mesh]] = {}  # by joint and colour
     for name, part, colour in visuals:
-        if name not in links:  # of a tool that was taken off
+        if name not in links:  # beyond the tool frame
             continue
         link = links[name]
         place = link.frame.dot(part.pose)
@@ -88,20 +88,20 @@ def _parts(visuals: Sequence[Visual], links: dict[str, Link]) -> Iterator[Part]:
 
 
 def _merged(meshes: list[Mesh]) -> Mesh:
-    """The triangles of all of them."""
+    """One mesh of all triangles."""
     first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])])
     faces = np.vstack([mesh.faces + n for mesh, n in zip(meshes, first, strict=True)])
     return meshes[0]._replace(vertices=np.vstack([mesh.vertices for mesh in meshes]), faces=faces)
 
 
 def _shapes(part: Geometry, read: Callable[[Path], list[Mesh]]) -> list[Mesh]:
-    """The shapes of a visual, in its own frame; `read` reads a mesh file."""
+    """The meshes of a visual, in its own frame; `read` reads a mesh file."""
     from invariantqp.workbench.view import meshes
 
     if part.kind == "unreadable":
         raise RobotModelError(str(part.mesh))
     if part.kind == "mesh":
-        order = slice(None, None, -1 if np.prod(part.size) < 0.0 else 1)  # a mirror image turns its triangles over
+        order = slice(None, None, -1 if np.prod(part.size) < 0.0 else 1)  # a reflection reverses the triangles
         return [
             mesh._replace(vertices=mesh.vertices * part.size, faces=mesh.faces[:, order])
             for mesh in read(Path(part.mesh))

@@ -1,4 +1,4 @@
-"""Triangles of mesh files and plain shapes, and fewer of them that look the same. The one file that imports trimesh.
+"""Triangles of mesh files and plain shapes, and their reduction. The only file that imports trimesh.
 
 STL and OBJ are read by trimesh alone, DAE with pycollada; triangles are merged by fast-simplification (quadric errors).
 """
@@ -20,10 +20,10 @@ with optional("meshes", "trimesh, pycollada or fast-simplification"):
     import fast_simplification
     import trimesh
 
-# Cells along a mesh's longest side: at the first, half a millimetre of an arm's link; at a millimetre what is behind
-# the shell of a Panda's wrist comes through.
+# Grid cells along a mesh's longest side: half a millimetre on a link at first; at a millimetre the inside of a Panda's
+# wrist shows.
 CELLS = (400, 200, 100, 50)
-# No mesh is reduced to fewer triangles, and no count is met more nearly.
+# Least number of triangles of a mesh, and tolerance of that number.
 FEWEST = 24
 
 
@@ -39,15 +39,15 @@ def read_meshes(file: Path) -> list[Mesh]:
     """The meshes of a file."""
     try:
         scene = trimesh.load_scene(file)
-        found = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh)]
-    except Exception as error:  # whatever a reader of a broken file raises
+        parts = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh)]
+    except Exception as error:  # readers of broken files raise anything
         why = "is not there" if not file.is_file() else "cannot be read as a mesh"
         raise RobotModelError(f"{file.name} {why}") from error
-    if not found:
+    if not parts:
         raise RobotModelError(f"{file.name} has no triangles")
-    materials = [getattr(part.visual, "material", None) for part in found]  # a file of triangles alone has none
+    materials = [getattr(part.visual, "material", None) for part in parts]  # a file of triangles alone has none
     colours: list[Any] = [None if one is None else tuple(map(int, one.main_color[:3])) for one in materials]
-    return [Mesh(np.array(part.vertices), np.array(part.faces), c) for part, c in zip(found, colours, strict=True)]
+    return [Mesh(np.array(part.vertices), np.array(part.faces), c) for part, c in zip(parts, colours, strict=True)]
 
 
 def plain(kind: str, size: Sequence[float]) -> Mesh:
@@ -66,7 +66,7 @@ def plain(kind: str, size: Sequence[float]) -> Mesh:
 
 
 def reduced(meshes: Sequence[Mesh], most: int) -> list[Mesh]:
-    """Meshes of about so many triangles together; those of a larger surface keep more, those of none lose all."""
+    """Meshes reduced to about `most` triangles in all, in proportion to the root of their areas."""
     corners = (mesh.vertices[mesh.faces] for mesh in meshes)
     weight = np.sqrt([float(trimesh.triangles.area(part).sum()) for part in corners])
     share = most * weight / (weight.sum() or 1.0)
@@ -74,16 +74,16 @@ def reduced(meshes: Sequence[Mesh], most: int) -> list[Mesh]:
 
 
 def _fewer(mesh: Mesh, most: int) -> Mesh:
-    """About so many triangles.
+    """A mesh reduced to about `most` triangles.
 
-    Small holes keep triangles from being merged: the corners of each cell of a grid are made one before, and of a
-    coarser one where that is not enough.
+    Small holes keep triangles from being merged, so corners are first merged in the cells of a grid, which is made
+    coarser until that is enough.
     """
     size = float(np.ptp(mesh.vertices, axis=0).max())
     if not size:
         return mesh._replace(faces=mesh.faces[:0])
     for cells in CELLS:
-        mesh = _snapped(mesh, size / cells)
+        mesh = _merged_corners(mesh, size / cells)
         if len(mesh.faces) <= most + FEWEST:
             break
         vertices, faces = fast_simplification.simplify(
@@ -95,8 +95,8 @@ def _fewer(mesh: Mesh, most: int) -> Mesh:
     return mesh
 
 
-def _snapped(mesh: Mesh, reach: float) -> Mesh:
-    """A mesh with the corners in each cell of a grid made one, at their mean; many files give each triangle its own."""
+def _merged_corners(mesh: Mesh, reach: float) -> Mesh:
+    """A mesh with the corners in each cell of a grid merged; many files repeat them for each triangle."""
     cell = np.round((mesh.vertices - mesh.vertices.min(axis=0)) / reach).astype(np.int64)
     _, at = np.unique(cell @ (1, 1 << 20, 1 << 40), return_inverse=True)
     count = np.bincount(at)

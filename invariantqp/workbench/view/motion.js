@@ -1,14 +1,14 @@
 // Where the parts of an arm are: products of exponentials of its joint screws. Rigid motions are 3x4, by rows.
 
 const act = (T, p) => [0, 4, 8].map(i => T[i] * p[0] + T[i + 1] * p[1] + T[i + 2] * p[2] + T[i + 3]);
-const turned = (T, v) => [0, 4, 8].map(i => T[i] * v[0] + T[i + 1] * v[1] + T[i + 2] * v[2]);
+const rotated = (T, v) => [0, 4, 8].map(i => T[i] * v[0] + T[i + 1] * v[1] + T[i + 2] * v[2]);
 const back = (T, v) => [0, 1, 2].map(i => T[i] * v[0] + T[i + 4] * v[1] + T[i + 8] * v[2]);
 const STILL = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0];
 
 // A motion from where it takes the axes and the origin.
 const rigid = (x, y, z, p) => [0, 1, 2].flatMap(i => [x[i], y[i], z[i], p[i]]);
 const times = (A, B) => {
-  const column = i => turned(A, [B[i], B[4 + i], B[8 + i]]);
+  const column = i => rotated(A, [B[i], B[4 + i], B[8 + i]]);
   return rigid(column(0), column(1), column(2), act(A, [B[3], B[7], B[11]]));
 };
 
@@ -42,9 +42,9 @@ class Arm {
     this.screws.forEach((s, i) => before.push(times(before[i], exp(s.slice(0, 3), s.slice(3), q[this.coordinates[i]]))));
     const joints = this.places.map((p, i) => act(before[this.drivers[i]], p));
     const tool = times(before[before.length - 1], this.home);
-    const way = s => norm(s.slice(0, 3)) ? s.slice(0, 3) : s.slice(3);
-    const axes = this.drivers.map(i => unit(turned(before[i], way(this.screws[i]))));
-    return { motions: before, points: [[0, 0, 0], ...joints, spot(tool)], axes, tool };
+    const direction = s => norm(s.slice(0, 3)) ? s.slice(0, 3) : s.slice(3);
+    const axes = this.drivers.map(i => unit(rotated(before[i], direction(this.screws[i]))));
+    return { motions: before, points: [[0, 0, 0], ...joints, originOf(tool)], axes, tool };
   }
 }
 

@@ -1,4 +1,4 @@
-"""A run as one HTML file, for any browser: it needs no network, no server and no library.
+"""A run as one HTML file that needs no network, no server and no library.
 
 Arrays are written as base64 of float32, so a run of any length and an arm's meshes take a few hundred kilobytes.
 """
@@ -21,7 +21,7 @@ from invariantqp.workbench.view.scenery import Solid
 from invariantqp.workbench.view.timeline import FORCE, TRAVEL, Timeline, timeline_of
 
 SCRIPTS = ("motion.js", "hardware.js", "painter.js", "charts.js", "player.js")
-# What a page has of a timeline by its own name: as packed arrays, and as it is.
+# Attributes of a timeline that a page has by the same name: packed arrays, and plain values.
 ARRAYS = ("time", "screws", "places", "home", "travel", "wanted", "q", "limits", "speed", "speed_limit", "force")
 PLAIN = (
     "joints",
@@ -39,7 +39,7 @@ PLAIN = (
 
 
 def page(timeline: Timeline, *, live: bool = False) -> str:
-    """The file's text; a live page asks its server for the run that it shows, again and again."""
+    """The text of the page; a live page polls its server for the run."""
     files = (*SCRIPTS, "live.js") if live else SCRIPTS
     scripts = [(resources.files(__package__) / name).read_text(encoding="utf-8") for name in files]
     parts = [
@@ -52,7 +52,11 @@ def page(timeline: Timeline, *, live: bool = False) -> str:
 
 
 def animation(trace: Trace, file: Path | str) -> Path:
-    """Write a run as a page that plays in any browser."""
+    """Write a run as a page that plays in any browser; returns the file.
+
+    Raises:
+        BadInput: the file cannot be written.
+    """
     text = page(timeline_of(trace))
     try:
         Path(file).write_text(text, encoding="utf-8")
@@ -62,7 +66,7 @@ def animation(trace: Trace, file: Path | str) -> Path:
 
 
 def drawn(timeline: Timeline) -> dict[str, Any]:
-    """What the page draws, as JSON has it, without what the arm looks like."""
+    """The content of a page as JSON, without the arm's appearance."""
     named = {name: a for name in ARRAYS if (a := getattr(timeline, name)) is not None}
     named |= {"path": timeline.wanted[:, :3, 3], "faces": timeline.surroundings.faces}
     return {
@@ -76,7 +80,7 @@ def drawn(timeline: Timeline) -> dict[str, Any]:
         "axis": None if timeline.surroundings.axis is None else timeline.surroundings.axis.tolist(),
         "missing": timeline.appearance.missing,
         "solids": [_solid(solid) for solid in timeline.solids],
-        # A chart of joints has no key: the colours are those of the joints' bars.
+        # A chart of joints has no legend: its colours are those of the joints' bars.
         "charts": [
             {**c._asdict(), "values": _pack(c.values), "keyed": not set(c.names) <= set(timeline.joints)}
             for c in timeline.charts
@@ -86,7 +90,7 @@ def drawn(timeline: Timeline) -> dict[str, Any]:
 
 
 def _solid(solid: Solid) -> dict[str, Any]:
-    """An obstacle that does not move has one pose, a body of the arm none."""
+    """A shape as JSON; a fixed obstacle has one pose, a body of the arm none."""
     poses = solid.poses
     if poses is not None:
         poses = poses[:1] if (poses == poses[0]).all() else poses

@@ -19,7 +19,7 @@ const between = (name, f) => {
   return mix(row(name, i), row(name, i + 1), f - i);
 };
 const triples = flat => Array.from({ length: flat.length / 3 }, (_, i) => flat.slice(3 * i, 3 * i + 3));
-const spot = T => [T[3], T[7], T[11]];
+const originOf = T => [T[3], T[7], T[11]];
 const frameAt = t => {
   let low = 0, high = frames - 1;
   while (high - low > 1) { const mid = (low + high) >> 1; if (time[mid] <= t) low = mid; else high = mid; }
@@ -30,10 +30,10 @@ const state = { t: 0, playing: false, rate: 1 };
 const fixed = name => decoded(first.arrays[name]).data;
 const arm = new Arm(fixed("screws"), run.coordinates, run.drivers, fixed("places"), Array.from(fixed("home")));
 // Where the arm is in a frame, whole or between two; of recorded poses alone the tool is all there is.
-const placed = f => {
+const armAt = f => {
   if (run.joints.length) return arm.at(between("q", f));
   const tool = between("wanted", f);
-  return { motions: [], points: [spot(tool)], axes: [], tool };
+  return { motions: [], points: [originOf(tool)], axes: [], tool };
 };
 const r = first.size, painter = new Painter($("view"), [first.centre, r]);
 const parts = (painter.hardware ? first.parts : []).map(part => {
@@ -52,7 +52,7 @@ function load(next) {
   [last, frames, limited] = [run.duration, time.length, run.limit_active];
   path = triples([...arrays.path.data]);
   faces = triples([...arrays.faces.data]);
-  drawn = Array.from({ length: frames }, (_, i) => spot(placed(i).tool));
+  drawn = Array.from({ length: frames }, (_, i) => originOf(armAt(i).tool));
   const ends = [Math.min, Math.max].map(pick => [0, 1, 2].map(i => drawn.reduce((a, p) => pick(a, p[i]), drawn[0][i])));
   painter.lookAt(mix(...ends, 0.5), norm(add(...ends, -1)) / 2);
   solids = run.solids.map(({ joint, faces, poses }) => ({
@@ -84,7 +84,7 @@ function key() {
 }
 
 function triad(T, length, width, alpha, names) {
-  const at = spot(T);
+  const at = originOf(T);
   ["#D62F2F", "#2E9E3F", "#2F62D6"].forEach((hue, i) => {
     const tip = add(at, [T[i], T[4 + i], T[8 + i]], length);
     painter.line([at, tip], rgb(hue), width, alpha, 0.03 * r);
@@ -103,7 +103,7 @@ function arrow(at, way, [least, most], hue, words) {
 }
 
 // Links as bars from joint to joint, where an arm is not drawn by its meshes.
-function bones(points) {
+function drawLinks(points) {
   const link = rgb(ink("--link")), n = points.length, taper = k => 0.03 * r * (1 - 0.45 * k / (n - 1));
   painter.bar(add(points[0], [0, 0, -0.004 * r]), add(points[0], [0, 0, 0.012 * r]), 0.09 * r, 0.09 * r, HUES.dark);
   points.slice(1).forEach((p, k) => {
@@ -123,7 +123,7 @@ function joint(p, u, k) {
 function draw() {
   const f = frameAt(state.t), i = Math.round(f);
   painter.begin(ink("--well"));
-  const { motions, points, axes, tool } = placed(f), goal = between("wanted", f);
+  const { motions, points, axes, tool } = armAt(f), goal = between("wanted", f);
   painter.floor(floor, ink("--rule"));
   painter.shadow(points, floor, 0.05 * r, "rgba(0,0,0,0.10)");
   for (let k = 0; k < faces.length; k += 4) {
@@ -140,7 +140,7 @@ function draw() {
     }
   }
   if (run.axis) {  // a door, from its axis to the tool
-    const [a, b] = run.axis, out = add(spot(tool), a, -1), along = unit(add(b, a, -1));
+    const [a, b] = run.axis, out = add(originOf(tool), a, -1), along = unit(add(b, a, -1));
     const arm = add(out, along, -dot(out, along));
     for (let k = 0; k < 8; k++) {
       const c = add(a, arm, k / 8), d = add(a, arm, (k + 1) / 8);
@@ -149,9 +149,9 @@ function draw() {
     painter.bar(a, b, 0.012 * r, 0.012 * r, HUES.dark, 4);
   }
   if (!run.recorded) painter.line(path, HUES.wanted, 5, 1, 0.01 * r);
-  painter.line([...drawn.slice(0, Math.floor(f) + 1), spot(tool)], HUES.drawn, 2, 1, 0.02 * r);
+  painter.line([...drawn.slice(0, Math.floor(f) + 1), originOf(tool)], HUES.drawn, 2, 1, 0.02 * r);
   if (parts.length) for (const part of parts) painter.mesh(part, motions[part.joint]);
-  else if (points.length > 1) bones(points);
+  else if (points.length > 1) drawLinks(points);
   axes.forEach((u, k) => joint(points[k + 1], u, k));
   if (!run.recorded) triad(goal, 0.13 * r, 2, 0.35, false);
   triad(tool, 0.13 * r, 3.5, 1, true);
@@ -165,14 +165,14 @@ function draw() {
   if (!run.recorded) lines.push(waits ? "waiting for the run" : `status ${run.status[i]}`);
   if (limited[i]) lines.push("limit active");
   if (arrays.force) {
-    const push = between("force", f), size = norm(push), at = spot(tool);
+    const push = between("force", f), size = norm(push), at = originOf(tool);
     lines.push(`force  ${size.toFixed(2)} N`);
     arrow(at, push, run.force_scale, HUES.force, `${size.toFixed(1)} N`);
   }
   if (!waits) {
     const going = between("travel", f), pace = `${written(1000 * norm(going))} mm/s`;
     lines.push(`speed  ${pace}`);
-    arrow(spot(tool), going, run.travel_scale, HUES.travel, pace);
+    arrow(originOf(tool), going, run.travel_scale, HUES.travel, pace);
   }
   painter.end();
   $("status").replaceChildren(...lines.map(words => {

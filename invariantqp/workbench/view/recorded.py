@@ -1,4 +1,4 @@
-"""A recording as frames to draw: the tool as it was moved, and the contact that was found on its path."""
+"""A recording as a timeline: the motion of the tool and the contact identified on its path."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ def timeline_of_recording(
     source: str | None,
     title: str,
 ) -> Timeline:
-    """A recording as frames: the arm where there is one, the path of the contact, and part of the surface or the axis.
+    """The timeline of a recording: the arm if there is one, the path of the contact, and its surface or axis.
 
-    `source` is what names the robot, `title` that of the page.
+    `source` is the robot's name or file, `title` the page's.
     """
     time, segments = file.seconds, identified.segments
     at = frame_ends(len(time) - 1)
@@ -46,8 +46,8 @@ def timeline_of_recording(
         status[(p.start <= at) & (at < p.stop)] = p.kind or "undecided"
     longest = max(segments, key=lambda p: p.stop - p.start)
     contact = longest.candidates[0] if longest.candidates else None
-    mark = _touching(contact, file.poses[longest.start])
-    tool = file.poses[at] @ mark
+    touching = _contact_frame(contact, file.poses[longest.start])
+    tool = file.poses[at] @ touching
     force = np.array([sensor.wrench(r, T)[3:] for r, T in zip(file.readings[at], file.poses[at], strict=True)])
     arm = _no_arm(tool) if robot is None or file.q is None else arm_in(robot, file.q[at])
     q = arm["q"]
@@ -65,20 +65,20 @@ def timeline_of_recording(
         travel=np.gradient(tool[:, :3, 3], time[at], axis=0),
         force=force,
         recorded=True,
-        **{**arm, "tool": tool, "home": arm["home"] @ mark},
+        **{**arm, "tool": tool, "home": arm["home"] @ touching},
     )
     return replace(timeline, charts=(_forces(contact, file.poses[at], force), *timeline.limit_charts))
 
 
-def _touching(c: Candidate | None, pose: Array) -> Array:
-    """(4, 4) in the tool frame: where the tool touches, with the tool's axes; its own frame where that is not known."""
+def _contact_frame(c: Candidate | None, pose: Array) -> Array:
+    """(4, 4) frame at the contact point with the tool's axes, in the tool frame; the identity if it is unknown."""
     if c is None or c.fixed_to == "tool" or c.kind in AXES:
         return np.eye(4)
     return se3.transform(translation=se3.inverse(pose).dot(c.frame(pose))[:3, 3])
 
 
 def _no_arm(tool: Array) -> dict[str, Any]:
-    """What a timeline has where poses (k, 4, 4) alone were recorded."""
+    """The arm's attributes of a timeline of poses (k, 4, 4) alone."""
     empty = {"screws": (6, 0), "places": (0, 3), "q": (len(tool), 0), "limits": (2, 0), "speed_limit": (0,)}
     arm = {name: np.zeros(shape) for name, shape in empty.items()}
     none = dict.fromkeys(("joints", "coordinates", "drivers"), ())
@@ -86,7 +86,7 @@ def _no_arm(tool: Array) -> dict[str, Any]:
 
 
 def _forces(c: Candidate | None, poses: Array, force: Array) -> CurveChart:
-    """The force of the tool: along the contact and across it, or its size where no contact is known."""
+    """The force of the tool, normal and tangential to the contact, or its size if the contact is unknown."""
     title = "force of the tool [N]"
     if c is None:
         return CurveChart(title, ("size",), np.linalg.norm(force, axis=1)[None], (FORCE,))
@@ -97,7 +97,7 @@ def _forces(c: Candidate | None, poses: Array, force: Array) -> CurveChart:
 
 
 def _surface(c: Candidate | None, poses: Array) -> Surroundings:
-    """Part of a plane or a ball about the path of the contact, or the axis of a joint."""
+    """Part of a plane or sphere about the path of the contact, or the axis of a joint."""
     if c is None:
         return Surroundings()
     frames = np.array([c.frame(T) for T in poses[:: max(1, len(poses) // FRAMES)]])
@@ -108,16 +108,16 @@ def _surface(c: Candidate | None, poses: Array) -> Surroundings:
     if in_hand or c.kind == "ball" or c.kind in AXES:
         half = max(margin, float(np.linalg.norm(path - middle, axis=1).max()))
         along = c.surface[:3, 2]
-        if in_hand or c.kind == "ball":  # no axis that stays: a short mark along the contact's
+        if in_hand or c.kind == "ball":  # no fixed axis: a short line along the contact's
             half, along = 0.2 * half, frames[len(frames) // 2, :3, 2]
         return Surroundings(axis=np.stack((middle - half * along, middle + half * along)))
     z = c.surface[:3, 2]
     corners = patch(path, middle, *se3.perpendicular_axes(z), margin)
     if c.kind == "sphere" and c.centre is not None and c.radius is not None:
-        off = corners - c.centre
-        aside = off - (off @ z)[..., None] * z
-        depth = np.sqrt(np.maximum(c.radius**2 - (aside**2).sum(axis=-1), 0.0))
-        corners = c.centre + aside - np.sign(c.radius) * depth[..., None] * z
+        offset = corners - c.centre
+        tangential = offset - (offset @ z)[..., None] * z
+        depth = np.sqrt(np.maximum(c.radius**2 - (tangential**2).sum(axis=-1), 0.0))
+        corners = c.centre + tangential - np.sign(c.radius) * depth[..., None] * z
     else:
         corners = corners + ((c.surface[:3, 3] - corners) @ z)[..., None] * z
     return Surroundings(tiles(corners))

@@ -1,8 +1,4 @@
-"""What is around an arm, as faces to draw: what its tool touches, and the shapes that a clearance keeps apart.
-
-A tool touches part of a plane near its path, or turns a door about an axis. Bodies of the arm are seen through;
-obstacles may move.
-"""
+"""The surroundings of an arm as faces to draw: the surface in contact, and the shapes of a clearance."""
 
 from __future__ import annotations
 
@@ -20,24 +16,23 @@ from invariantqp.workbench.runs.plant import HingeSprings
 from invariantqp.workbench.runs.scene import scene_of
 from invariantqp.workbench.runs.taskfile import Task
 
-# Faces along each side: small ones, because viewers sort faces by depth.
+# Faces along each side of a surface: small ones, because viewers sort faces by depth.
 SIDE = 8
-# How much of a plane is drawn beyond the path, and half the height of a door, relative to the distance of the
-# tool from the base.
+# Margin of a plane beyond the path, and half the height of a door, relative to the tool's distance from the base.
 MARGIN = 0.13
-# Faces about a round shape.
+# Faces around a round shape.
 SIDES = 12
 
 
 class Surroundings(NamedTuple):
-    """What a robot's tool touches."""
+    """The surface or door in contact with the tool."""
 
-    faces: Array = np.empty((0, 4, 3))  # corners, in order, of what does not move
-    axis: Array | None = None  # (2, 3) the ends of the axis of a door; None without one
+    faces: Array = np.empty((0, 4, 3))  # (n, 4, 3) corners of a fixed surface
+    axis: Array | None = None  # (2, 3) ends of a door's axis
 
 
 def surroundings(task: Task, robot: Robot, path: Array) -> Surroundings:
-    """What a task's tool really touches, near the points (n, 3) of its path."""
+    """The true surface or door of a task, near the points (n, 3) of its path."""
     T = robot.pose(task.start())
     scene = scene_of(task, T)
     if scene is None:
@@ -58,35 +53,33 @@ def surroundings(task: Task, robot: Robot, path: Array) -> Surroundings:
 
 def patch(path: Array, foot: Array, u: Array, v: Array, margin: float) -> Array:
     """(SIDE + 1, SIDE + 1, 3) points of the plane through a foot (3,) along u and v, about a path (n, 3)."""
-    ways = ((path - foot).dot(along) for along in (u, v))
-    a, b = (np.linspace(way.min() - margin, way.max() + margin, SIDE + 1) for way in ways)
+    coordinates = ((path - foot).dot(along) for along in (u, v))
+    a, b = (np.linspace(x.min() - margin, x.max() + margin, SIDE + 1) for x in coordinates)
     return np.asarray(foot + a[:, None, None] * u + b[None, :, None] * v)
 
 
 class Solid(NamedTuple):
     """A shape to draw."""
 
-    joint: int  # how many of the arm's joints move it; 0 does not move with the arm
+    joint: int  # number of joints that move it; 0 for an obstacle
     faces: Array  # (n, 4, 3) at q = 0 in the base frame; of an obstacle in its own frame
-    poses: Array | None  # (k, 4, 4) where an obstacle is in each frame; None for a body of the arm
+    poses: Array | None  # (k, 4, 4) poses of an obstacle; None for a body of the arm
 
 
 def solids(around: Around, time: Array, m: int, reach: float) -> tuple[Solid, ...]:
     """The bodies of an arm with m joints and the obstacles, at the times (k,) of a timeline."""
-    made = []
-    clearance = around.clearance
-    frames = []
+    shapes, frames, clearance = [], [], around.clearance
     for t in time.tolist() if around.moving else time.tolist()[:1]:
         around.move(t)
         frames.append([placed for _, _, placed in clearance.shapes(np.zeros(m))])
     for i, (_, body, placed) in enumerate(clearance.shapes(np.zeros(m))):
         if body is None:
             poses = np.array([frame[i].pose for frame in frames])
-            made.append(Solid(0, faces(placed, reach), np.broadcast_to(poses, (len(time), 4, 4))))
+            shapes.append(Solid(0, faces(placed, reach), np.broadcast_to(poses, (len(time), 4, 4))))
         else:
-            here = faces(placed, reach)
-            made.append(Solid(body, here.dot(placed.pose[:3, :3].T) + placed.pose[:3, 3], None))
-    return tuple(made)
+            local = faces(placed, reach)
+            shapes.append(Solid(body, local.dot(placed.pose[:3, :3].T) + placed.pose[:3, 3], None))
+    return tuple(shapes)
 
 
 def faces(placed: CollisionObject, reach: float) -> Array:
@@ -103,11 +96,11 @@ def faces(placed: CollisionObject, reach: float) -> Array:
     angles = np.linspace(0.0, 0.5 * np.pi, SIDES // 4 + 1)
     low = [(-placed.half[2] - placed.radius * np.cos(a), placed.radius * np.sin(a)) for a in angles]
     profile = low + [(-z, r) for z, r in reversed(low)]
-    turn = np.linspace(0.0, 2.0 * np.pi, SIDES + 1)
-    return tiles(np.array([[(r * np.cos(a), r * np.sin(a), z) for a in turn] for z, r in profile]))
+    around = np.linspace(0.0, 2.0 * np.pi, SIDES + 1)
+    return tiles(np.array([[(r * np.cos(a), r * np.sin(a), z) for a in around] for z, r in profile]))
 
 
 def tiles(corners: Array) -> Array:
     """(n, 4, 3) faces between the points (a, b, 3) of a grid."""
-    around = (corners[:-1, :-1], corners[1:, :-1], corners[1:, 1:], corners[:-1, 1:])
-    return np.stack(around, axis=2).reshape(-1, 4, 3)
+    four = (corners[:-1, :-1], corners[1:, :-1], corners[1:, 1:], corners[:-1, 1:])
+    return np.stack(four, axis=2).reshape(-1, 4, 3)

@@ -1,8 +1,6 @@
-"""A run in a browser, while it is running and after: the page of a run, served to this machine only.
+"""Serves the page of a run to this machine, while it runs and after: the page polls for new ticks.
 
-The page asks for what is new and draws it; at the end of the run it is the page that `animation` writes.
-
-Where a person looks: at a browser on this machine's screen, from another machine over SSH, or at a file later.
+A user sees it in a browser on this machine, on another machine over SSH, or later as a file.
 """
 
 from __future__ import annotations
@@ -34,27 +32,27 @@ from invariantqp.workbench.view.timeline import FORCE, Timeline, states, timelin
 
 # The port to serve at, and the last that there is.
 PORT, LAST_PORT = 8080, 65535
-# Environment variables that say that nobody looks at this machine's screen, if it has one.
-ELSEWHERE = ("CI", "SSH_CONNECTION", "SSH_TTY")
-# Environment variables of which Linux and the BSDs set one where there is a screen.
+# Environment variables of sessions without this machine's screen.
+REMOTE = ("CI", "SSH_CONNECTION", "SSH_TTY")
+# Environment variables of sessions with a screen on Linux and the BSDs.
 SCREEN = ("DISPLAY", "WAYLAND_DISPLAY")
 
 
 class Viewer:
-    """A page with robot, path, playback and curves, for one run; any number of browsers may look at it.
+    """Serves a page with robot, path, playback and charts of one run, to any number of browsers.
 
     Attributes:
-        url: what to open in a browser on this machine.
-        tunnel: the command that makes the same address work on another machine, over SSH.
+        url: the address on this machine.
+        tunnel: the SSH command that makes that address work on another machine.
     """
 
     def __init__(self, task: Task, port: int = PORT) -> None:
-        """Serve what is known before the run, the arm and its path, at a port or the next one that is free."""
+        """Serve the arm and its path, at a port or the next free one."""
         self._dt = task.law.dt
         self._before = timeline_before(task)
-        self._done: Timeline | None = None
-        # Of each tick: joint positions, velocities, the tool's force (3,) and place (3,), status, whether limited.
-        self._seen: list[tuple[Array, Array, Array, Array, str, bool]] = []
+        self._result: Timeline | None = None
+        # Of each tick: joint positions, velocities, the tool's force (3,) and position (3,), status, is a limit active.
+        self._ticks: list[tuple[Array, Array, Array, Array, str, bool]] = []
         self._closed = Event()
         self._text = page(self._before, live=True)
         self._path = drawn(self._before)["arrays"]["path"]
@@ -73,27 +71,27 @@ class Viewer:
             self._server.server_close()
 
     def watch(self, tick: int, state: PlantState, solution: VelocitySolution) -> None:  # noqa: ARG002 (an observer)
-        """An observer for `run_task`: keeps what a browser may ask for."""
+        """An observer for `run_task`: records a tick for the browsers."""
         status, limited = str(solution.status), at_a_limit(solution)
-        self._seen.append((state.q, solution.velocity, -state.wrench[3:], state.pose[:3, 3], status, limited))
+        self._ticks.append((state.q, solution.velocity, -state.wrench[3:], state.pose[:3, 3], status, limited))
 
     def show(self, timeline: Timeline) -> None:
-        """Play a run that is done."""
-        self._done = timeline
+        """Serve a finished run."""
+        self._result = timeline
 
     def play(self, trace: Trace) -> None:
-        """Show a run that is done, until interrupted or closed."""
+        """Serve a finished run until interrupted or closed."""
         self.show(timeline_of(trace))
-        while not self._closed.wait(0.1):  # Ctrl-C is not heard during a wait without an end everywhere
+        while not self._closed.wait(0.1):  # Ctrl-C does not interrupt an endless wait on every system
             pass
 
     def text(self) -> str:
-        """The page as it is now."""
-        return self._text if self._done is None else page(self._done)
+        """The current page."""
+        return self._text if self._result is None else page(self._result)
 
-    def news(self, tag: str) -> tuple[str, str | None]:
-        """What the page is to draw, and its tag; nothing where that is what it draws already."""
-        done, n = self._done, len(self._seen)
+    def update(self, tag: str) -> tuple[str, str | None]:
+        """The tag of the newest state, and the state as JSON; None if the page has it already."""
+        done, n = self._result, len(self._ticks)
         now = f"{n}" if done is None else "done"
         if now == tag or (done is None and not n):
             return now, None
@@ -106,56 +104,56 @@ class Viewer:
 
     def _so_far(self, n: int) -> Timeline:
         """The first n ticks of the run."""
-        q, speed, force, place, status, limited = zip(*self._seen[:n], strict=True)
+        q, speed, force, place, status, limited = zip(*self._ticks[:n], strict=True)
         before, push = self._before, np.array(force)
         ends = frame_ends(n)
         time = self._dt * ends
-        then = [before.frame(t) for t in time.tolist()]
+        frames = [before.frame(t) for t in time.tolist()]
         places = np.vstack((before.tool[0, :3, 3], place))[ends]
         size = extremes(np.linalg.norm(push, axis=1)[:, None], ends).T
         pressing = [CurveChart("contact force [N]", ("size",), size, (FORCE,))] if push.any() else []
-        seen = replace(
+        timeline = replace(
             before,
             time=time,
             q=np.vstack((before.q[0], q))[ends],
             speed=extremes(np.array(speed), ends),
-            wanted=before.wanted[then],
-            solids=tuple(s if s.poses is None else s._replace(poses=s.poses[then]) for s in before.solids),
+            wanted=before.wanted[frames],
+            solids=tuple(s if s.poses is None else s._replace(poses=s.poses[frames]) for s in before.solids),
             travel=np.gradient(places, time, axis=0),
             force=push[np.maximum(ends - 1, 0)] if push.any() else None,
             **states(status, limited, ends),
         )
-        return replace(seen, charts=(*pressing, *seen.limit_charts))
+        return replace(timeline, charts=(*pressing, *timeline.limit_charts))
 
 
 class _Server(ThreadingHTTPServer):
     daemon_threads = True
-    allow_reuse_address = os.name != "nt"  # there it would take a port that another has
+    allow_reuse_address = os.name != "nt"  # Windows would take a port that is in use
     viewer: Viewer
 
 
 def _listening(port: int) -> _Server:
-    """A server at a port of this machine alone, or at the next one of a hundred that is free."""
+    """A server for this machine only, at a port or at the next free one of a hundred."""
     first = arrays.count(port, "port", LAST_PORT)
     for at in range(first, min(first + 100, LAST_PORT + 1)):
         with suppress(OSError):
-            return _Server(("127.0.0.1", at), _Answer)
+            return _Server(("127.0.0.1", at), _Handler)
     raise BadInput("port", f"{first}, which is taken, and all after it", "a port that is free", "0 takes any.")
 
 
-class _Answer(BaseHTTPRequestHandler):
-    """Answers to the page."""
+class _Handler(BaseHTTPRequestHandler):
+    """Answers the requests of the page."""
 
     server: _Server
 
     def do_GET(self) -> None:
-        """The page, or as `run?TAG` what is new since."""
+        """Answer "/" with the page and "run?TAG" with the state since that tag."""
         where, _, tag = self.path.partition("?")
         if where == "/":
             self._send(200, "text/html; charset=utf-8", self.server.viewer.text(), "")
         elif where == "/run":
-            now, news = self.server.viewer.news(tag)
-            self._send(204 if news is None else 200, "application/json", news or "", now)
+            now, state = self.server.viewer.update(tag)
+            self._send(204 if state is None else 200, "application/json", state or "", now)
         else:
             self._send(404, "text/plain", "", "")
 
@@ -170,27 +168,24 @@ class _Answer(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
     def log_message(self, *_: Any) -> None:
-        """Say nothing: what is printed is the run's."""
+        """Print nothing: standard error is the run's."""
 
 
 def has_display() -> bool:
-    """Whether a browser opened here would be seen."""
-    if any(os.environ.get(name) for name in ELSEWHERE):
+    """Whether this session has a screen."""
+    if any(os.environ.get(name) for name in REMOTE):
         return False
     return sys.platform in ("darwin", "win32") or any(os.environ.get(name) for name in SCREEN)
 
 
 def is_remote() -> bool:
-    """Whether somebody sits at a terminal of this machine over SSH."""
+    """Whether this is an interactive SSH session."""
     over_ssh = bool(os.environ.get("SSH_CONNECTION")) and not os.environ.get("CI")
     return over_ssh and sys.stdin is not None and sys.stdin.isatty()
 
 
 def tunnel(port: int) -> str:
-    """The command that, on another machine, makes http://localhost:PORT there show what is served here.
-
-    This machine is named by the address that SSH came to, else by its name.
-    """
+    """The SSH command that forwards a port of another machine to this one, by the address of the SSH session."""
     words = os.environ.get("SSH_CONNECTION", "").split()
     host, at = (words[2], words[3]) if len(words) == 4 else (socket.gethostname(), "22")
     try:
@@ -201,5 +196,5 @@ def tunnel(port: int) -> str:
 
 
 def page_name(task: Task) -> str:
-    """The file, in the current folder, for the page of a task when nobody names one."""
+    """The default file name of the page of a task."""
     return f"{re.sub(r'[^A-Za-z0-9._-]+', '_', task.name)}.html"

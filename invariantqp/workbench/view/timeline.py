@@ -1,7 +1,6 @@
-"""A run as frames to draw: where everything is in each of a few hundred frames, and the curves beside it.
+"""A run as a timeline: the state of arm, contact and obstacles in a few hundred frames, and the charts.
 
-An arm is drawn as its meshes look, or from its kinematics alone: straight links from joint to joint, each joint along
-its axis.
+An arm without meshes is drawn from its kinematics: straight links from joint to joint, each joint along its axis.
 """
 
 from __future__ import annotations
@@ -33,8 +32,8 @@ from invariantqp.workbench.runs.trace import Trace
 from invariantqp.workbench.view.appearance import Appearance, Part, appearance_of
 from invariantqp.workbench.view.scenery import Solid, Surroundings, solids, surroundings
 
-# No arrow is drawn for a velocity below this, relative to the size of all [1/s], or for a weaker force [N].
-REST, WEAK = 2e-4, 0.05
+# Smallest velocity, relative to the size of the scene [1/s], and smallest force [N] with an arrow.
+MIN_VELOCITY, MIN_FORCE = 2e-4, 0.05
 FORCE, TRAVEL = VERMILION, GREEN
 
 
@@ -43,7 +42,7 @@ class Timeline:
     """A run in k frames; lengths in the robot's unit, base frame."""
 
     title: str  # the task's name
-    about: str  # what it is, and how it went
+    about: str  # description and result
     joints: tuple[str, ...]  # (m) names
     slides: list[bool]  # (m) whether a joint is prismatic
     time: Array  # (k,) [s]
@@ -54,20 +53,20 @@ class Timeline:
     drivers: Sequence[int]  # (m) which of the n has its name
     places: Array  # (m, 3) points of the joints at q = 0
     home: Array  # (4, 4) tool pose at q = 0
-    appearance: Appearance  # its meshes
-    wanted: Array  # (k, 4, 4) poses wanted
+    appearance: Appearance  # of the arm
+    wanted: Array  # (k, 4, 4) desired poses
     q: Array  # (k, m) joint positions
     limits: Array  # (2, m) lower and upper
-    speed: Array  # (k, m) joint velocities, the fastest of the ticks since the frame before
+    speed: Array  # (k, m) joint velocities, the largest of each frame's ticks
     speed_limit: Array  # (m,)
-    limit_active: list[bool]  # (k) whether a limit was active in one of those ticks
-    status: list[str]  # (k) of the law, the first of those ticks' that is not "ok"
+    limit_active: list[bool]  # (k) whether a limit was active in one of them
+    status: list[str]  # (k) the first status of them that is not "ok"
     charts: tuple[CurveChart, ...]  # curves to draw
     surroundings: Surroundings  # what the tool touches
     travel: Array  # (k, 3) velocity of the tool frame's origin [length/s]
-    force: Array | None = None  # (k, 3) that the tool exerts [N]; None without contact
-    solids: tuple[Solid, ...] = ()  # bodies and obstacles that are kept apart
-    recorded: bool = False  # whether it was recorded: no pose was wanted
+    force: Array | None = None  # (k, 3) force of the tool [N]; None without contact
+    solids: tuple[Solid, ...] = ()  # bodies and obstacles of a clearance
+    recorded: bool = False  # whether it is a recording, without desired poses
 
     @property
     def limit_charts(self) -> list[CurveChart]:
@@ -76,13 +75,13 @@ class Timeline:
 
     @property
     def centre(self) -> Array:
-        """(3,) the middle of everything that is drawn."""
+        """(3,) centre of the scene."""
         low, high = self._box()
         return 0.5 * (low + high)
 
     @property
     def size(self) -> float:
-        """Radius of a ball about the centre that contains everything [length]."""
+        """Radius of the scene about its centre [length]."""
         low, high = self._box()
         return 0.5 * float(np.linalg.norm(high - low))
 
@@ -92,18 +91,18 @@ class Timeline:
 
     @property
     def floor(self) -> float:
-        """Height of what is lowest of the arm [length]."""
+        """Height of the lowest point of the arm [length]."""
         return min(float(points[..., 2].min()) for points in (self.points, *(part.vertices for part in self._fixed)))
 
     @property
     def force_scale(self) -> tuple[float, float]:
-        """The weakest force that has an arrow and the one that has the longest [N]."""
-        return _scale(np.zeros((1, 3)) if self.force is None else self.force, WEAK)
+        """The forces with the shortest and the longest arrow [N]."""
+        return _scale(np.zeros((1, 3)) if self.force is None else self.force, MIN_FORCE)
 
     @property
     def travel_scale(self) -> tuple[float, float]:
-        """The slowest velocity that has an arrow and the one that has the longest [length/s]."""
-        return _scale(self.travel, REST * self.size)
+        """The velocities with the shortest and the longest arrow [length/s]."""
+        return _scale(self.travel, MIN_VELOCITY * self.size)
 
     @property
     def _fixed(self) -> list[Part]:
@@ -112,56 +111,56 @@ class Timeline:
 
     def _box(self) -> tuple[Array, Array]:
         touched, fixed = self.surroundings.faces.reshape(-1, 3), [part.vertices for part in self._fixed]
-        around = [_seen(solid.faces, solid.poses) for solid in self.solids if solid.poses is not None]
+        around = [_corners_of(solid.faces, solid.poses) for solid in self.solids if solid.poses is not None]
         drawn = np.vstack((self.points.reshape(-1, 3), self.wanted[:, :3, 3], touched, *fixed, *around))
         return drawn.min(axis=0), drawn.max(axis=0)
 
 
-def _seen(faces: Array, poses: Array) -> Array:
-    """(n, 3) corners of an obstacle at the beginning, in the middle and at the end of a timeline."""
+def _corners_of(faces: Array, poses: Array) -> Array:
+    """(n, 3) corners of an obstacle at the start, in the middle and at the end."""
     corners, some = faces.reshape(-1, 3), poses[[0, len(poses) // 2, -1]]
     return np.vstack([corners.dot(T[:3, :3].T) + T[:3, 3] for T in some])
 
 
 def _scale(vectors: Array, least: float) -> tuple[float, float]:
-    """`least`, and what vectors (k, 3) exceed in one frame of a hundred, or more where that is nearly `least`."""
+    """`least`, and the 99th percentile of the sizes of vectors (k, 3), at least ten times `least`."""
     return least, max(float(np.percentile(np.linalg.norm(vectors, axis=1), 99)), 10.0 * least)
 
 
 def timeline_of(trace: Trace) -> Timeline:
-    """A run from `run_task` as `FRAMES` frames at most."""
+    """The timeline of a run from `run_task`, in at most FRAMES frames."""
     robot = trace.task.load_robot()
     ends = frame_ends(len(trace.velocity))
-    went = "Accepted." if trace.passed else f"Not accepted: {'; '.join(trace.shortfalls)}."
-    then = trace.velocity[np.maximum(ends - 1, 0)]
+    result = "Accepted." if trace.passed else f"Not accepted: {'; '.join(trace.shortfalls)}."
+    latest = np.maximum(ends - 1, 0)
     return replace(
         _timeline(trace.task, robot, trace.time[ends], trace.q[ends], trace.wanted[ends]),
         speed=extremes(trace.velocity, ends),
-        about=f"{trace.task.about.removesuffix('.')}. {went}" if trace.task.about else went,
+        about=f"{trace.task.about.removesuffix('.')}. {result}" if trace.task.about else result,
         **states(trace.statuses, trace.limit_active, ends),
         charts=tuple(charts_of(trace, ends)),
         travel=np.array(
             [
                 se3.velocity_at(robot.jacobian(q).dot(velocity), robot.pose(q)[:3, 3])
-                for q, velocity in zip(trace.q[ends], then, strict=True)
+                for q, velocity in zip(trace.q[ends], trace.velocity[latest], strict=True)
             ]
         ),
-        force=None if trace.contact is None else trace.contact.wrench[np.maximum(ends - 1, 0), 3:],
+        force=None if trace.contact is None else trace.contact.wrench[latest, 3:],
     )
 
 
 def timeline_before(task: Task) -> Timeline:
-    """What is known before a run: the arm at its start and its path, before contact moves it onto a surface."""
+    """The timeline before a run: the arm at its start and the path."""
     robot = task.load_robot()
     pose = task.path.along(robot, task.start())
     time = np.linspace(0.0, task.settle + task.path.duration, FRAMES)
     wanted = np.array([pose(t) for t in np.maximum(time - task.settle, 0.0).tolist()])
-    drawn = _timeline(task, robot, time, np.tile(task.start(), (FRAMES, 1)), wanted)
-    return replace(drawn, travel=np.gradient(wanted[:, :3, 3], time, axis=0))
+    before = _timeline(task, robot, time, np.tile(task.start(), (FRAMES, 1)), wanted)
+    return replace(before, travel=np.gradient(wanted[:, :3, 3], time, axis=0))
 
 
 def arm_in(robot: Robot, q: Array) -> dict[str, Any]:
-    """What a timeline has of an arm in states q (k, m)."""
+    """The arm's attributes of a timeline at joint positions q (k, m)."""
     tool, zero = np.array([robot.pose(state) for state in q]), np.zeros(len(robot.names))
     joints, each = [robot.origins(state) for state in q], tuple(range(len(zero)))
     made_of = robot.joints if isinstance(robot, Chain) else Coupled(robot.jacobian(zero), each, each)
@@ -201,7 +200,7 @@ def _timeline(task: Task, robot: Chain, time: Array, q: Array, wanted: Array) ->
 
 
 def states(statuses: Sequence[str], limited: Sequence[bool], ends: Array) -> dict[str, Any]:
-    """What a timeline has of the statuses of the ticks and of whether a limit was active in each."""
+    """`status` and `limit_active` of a timeline, from those of the ticks."""
     ticks = ticks_of(ends)
     status = [next((s for s in statuses[a:b] if s != "ok"), statuses[b - 1]) for a, b in ticks]
     return {"status": status, "limit_active": [any(limited[a:b]) for a, b in ticks]}

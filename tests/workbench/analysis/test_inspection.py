@@ -7,15 +7,15 @@ from support.random_systems import motion
 
 import invariantqp as iq
 from invariantqp.robots.kinematics import joint_ranges, middle
-from invariantqp.velocity.measure import root_at
-from invariantqp.workbench.analysis.inspection import (
-    LARGEST_NORM,
-    NEARLY_ALL,
-    SMALL,
+from invariantqp.workbench.analysis.recommendation import (
+    MAX_NORM,
+    MIN_SHARE,
+    PARALLEL_TOLERANCE,
     achievable,
+    measure_root,
     projector_norms,
     recommend,
-    upright,
+    upright_states,
 )
 from invariantqp.workbench.analysis.survey import spread
 from invariantqp.workbench.pictures import inspection as pictured
@@ -116,7 +116,7 @@ def test_arms_without_a_length_of_their_own():
 def projected(robot, q, length, h):
     """P_h and the best that the joints can do, both measured at the tool."""
     J = robot.jacobian(q)
-    root = root_at(robot.pose(q)[:3, 3], length)
+    root = measure_root(robot.pose(q), length)
     S = iq.systems.screw_system(J)
     P = root @ iq.dual_projectors(S, h=h).motion @ np.linalg.inv(root)
     Q = np.linalg.qr(root @ S)[0]
@@ -129,7 +129,7 @@ def test_the_norm_is_how_many_times_more_a_pitch_misses(multiple):
     robot, L = five(), 0.57
     for q in spread(robot, 40):
         P, best = projected(robot, q, L, multiple * L)
-        root = root_at(robot.pose(q)[:3, 3], L)
+        root = measure_root(robot.pose(q), L)
         norm = projector_norms(achievable(root @ robot.jacobian(q)), np.linalg.inv(root), [multiple * L])[0]
         assert norm == pytest.approx(np.linalg.norm(P, 2), rel=1e-6)
         s = rng.normal(size=(6, 50))
@@ -144,9 +144,9 @@ def test_the_recommended_pitch_serves_in_as_many_states_as_it_says():
     robot = five()
     found = iq.workbench.inspect(robot, samples=150)
     h, L = found.recommended.h, found.recommended.length
-    served = np.mean([np.linalg.norm(projected(robot, q, L, h)[0], 2) <= LARGEST_NORM for q in found.survey.q])
+    served = np.mean([np.linalg.norm(projected(robot, q, L, h)[0], 2) <= MAX_NORM for q in found.survey.q])
     assert f"in {100.0 * served:.3g} % of the states looked at" in found.recommended.reason
-    assert NEARLY_ALL <= served < 1.0
+    assert MIN_SHARE <= served < 1.0
     assert abs(h) == pytest.approx(L, rel=0.05)
 
 
@@ -213,16 +213,16 @@ def test_what_rounding_in_a_urdf_hides_is_told(name):
         assert not found.report.blind_directions.shape[1]
         assert "But no pitch tried is useful here" in words(found)
     # What is said is so: the arm can make that motion, and no pitch form asks for it.
-    q, unseen = found.recommended.q, found.recommended.unseen
+    q, blind = found.recommended.q, found.recommended.blind_twists
     assert f"At q = ({q[0]:.3g}" in found.recommended.reason
-    J, point = robot.jacobian(q), robot.pose(q)[:3, 3]
-    root = root_at(point, found.recommended.length)
+    J = robot.jacobian(q)
+    root = measure_root(robot.pose(q), found.recommended.length)
     Q = achievable(root @ J)
-    for s in (root @ unseen).T:
+    for s in (root @ blind).T:
         np.testing.assert_allclose(Q @ (Q.T @ s), s, atol=1e-9)
         for h in (found.recommended.length, -2.0 * found.recommended.length):
             M = iq.PitchForm(h).matrix(np.linalg.inv(root))
-            assert np.linalg.norm(Q.T @ M @ s) < np.linalg.norm(M, 2) * np.linalg.norm(s) / LARGEST_NORM
+            assert np.linalg.norm(Q.T @ M @ s) < np.linalg.norm(M, 2) * np.linalg.norm(s) / MAX_NORM
 
 
 def test_a_tool_straight_down_leaves_five_joints_no_pitch():
@@ -231,27 +231,27 @@ def test_a_tool_straight_down_leaves_five_joints_no_pitch():
     assert "0 % of those with the last axis parallel to the first" in found.recommended.reason
     q = found.recommended.q
     across = np.cross(*(robot.jacobian(q)[:3, i] for i in (0, -1)))
-    assert np.linalg.norm(across) < SMALL
+    assert np.linalg.norm(across) < PARALLEL_TOLERANCE
     for multiple in (1.0, 4.0):
         with pytest.raises(iq.errors.NoProjectors):
             projected(robot, q, found.recommended.length, multiple * found.recommended.length)
-    assert found.recommended.unseen.shape == (6, 1)
+    assert found.recommended.blind_twists.shape == (6, 1)
 
 
 def test_upright_states_are_inside_the_range_and_upright():
     robot = iq.load_robot("so101")
-    q = upright(robot, spread(robot, 30))
+    q = upright_states(robot, spread(robot, 30))
     assert len(q) > 20
     assert (q >= robot.position_lower).all()
     assert (q <= robot.position_upper).all()
     for state in q:
         w = robot.jacobian(state)[:3]
-        assert np.linalg.norm(np.cross(w[:, 0], w[:, -1])) < SMALL
+        assert np.linalg.norm(np.cross(w[:, 0], w[:, -1])) < PARALLEL_TOLERANCE
     assert not len(
-        upright(load_arm("scara"), spread(load_arm("scara"), 5))
+        upright_states(load_arm("scara"), spread(load_arm("scara"), 5))
     )  # always upright: no other states than the rest
     slides = iq.robots.Chain(np.vstack((np.zeros((3, 3)), np.eye(3))), np.eye(4))
-    assert not len(upright(slides, np.zeros((2, 3))))
+    assert not len(upright_states(slides, np.zeros((2, 3))))
 
 
 def test_no_frame_matters():
@@ -260,7 +260,9 @@ def test_no_frame_matters():
     assert plain.recommended.h == moved.recommended.h
     assert plain.recommended.length == pytest.approx(moved.recommended.length, rel=1e-9)
     assert plain.norm == pytest.approx(moved.norm, rel=1e-6)
-    np.testing.assert_allclose(iq.adjoint(T) @ plain.recommended.unseen, moved.recommended.unseen, atol=1e-6)
+    np.testing.assert_allclose(
+        iq.adjoint(T) @ plain.recommended.blind_twists, moved.recommended.blind_twists, atol=1e-6
+    )
     np.testing.assert_allclose(plain.survey.pitches, moved.survey.pitches, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(plain.survey.distance, moved.survey.distance, rtol=1e-9)
 

@@ -213,7 +213,7 @@ def test_help_says_what_the_statuses_mean(monkeypatch, capsys, command):
 
 
 def test_a_warning_is_a_note(monkeypatch, capsys):
-    monkeypatch.setattr(cli, "_called", lambda: warnings.warn("beware", stacklevel=1) or Exit.DONE)
+    monkeypatch.setattr(cli, "_run_app", lambda: warnings.warn("beware", stacklevel=1) or Exit.DONE)
     monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)  # which main sets
     warnings.simplefilter("always")  # pytest puts it back
     with pytest.raises(SystemExit) as left:

@@ -1,4 +1,4 @@
-"""What a run is judged by."""
+"""Figures of a run, and the rule of dominance."""
 
 from dataclasses import replace
 
@@ -7,12 +7,12 @@ import pytest
 
 import invariantqp as iq
 from invariantqp.workbench.compare.figures import (
-    ACCELERATION,
+    ACCELERATION_TOLERANCE,
     BETTER,
     FLOORS,
     NOT_SETTLED,
-    POSITION,
-    VELOCITY,
+    POSITION_TOLERANCE,
+    VELOCITY_TOLERANCE,
     WORSE,
     compared,
     dominates,
@@ -100,16 +100,16 @@ def test_limits_of_position_speed_and_acceleration_are_each_seen(task):
     most = spec.acceleration_limit[1] * dt
     assert run(task, x)["violations"] == 1  # from 0.08 to 0 at once
     assert run(task, x, stopped=[7])["violations"] == 0  # the arm was stopped
-    x[6, 1] = 0.04 + most * (1.0 + 0.5 * ACCELERATION)
+    x[6, 1] = 0.04 + most * (1.0 + 0.5 * ACCELERATION_TOLERANCE)
     x[7:9, 1] = x[6, 1] - most, 0.04
     assert run(task, x)["violations"] == 0  # rounding of solvers
     free = replace(spec, acceleration_limit=None)
     assert run(replace(task, spec=free), x)["violations"] == 0
-    for share, found in ((1.0 - 0.5 * VELOCITY, 0), (1.0 - 2.0 * VELOCITY, 1)):
+    for share, found in ((1.0 - 0.5 * VELOCITY_TOLERANCE, 0), (1.0 - 2.0 * VELOCITY_TOLERANCE, 1)):
         fast = replace(free, velocity_limit=np.full(5, share * x[6, 1]))
         assert run(replace(task, spec=fast), x)["violations"] == found
     end = dt * x[:, 1].sum()
-    for beyond, found in ((0.5 * POSITION, False), (2.0 * POSITION, True)):
+    for beyond, found in ((0.5 * POSITION_TOLERANCE, False), (2.0 * POSITION_TOLERANCE, True)):
         tight = replace(free, upper=task.q0 + end - beyond)
         assert bool(run(replace(task, spec=tight), x)["violations"]) is found
 
@@ -117,7 +117,7 @@ def test_limits_of_position_speed_and_acceleration_are_each_seen(task):
 def test_who_creeps_out_of_a_limit_is_seen(task):
     spec = replace(task.spec, acceleration_limit=None, upper=task.q0 + 1e-9)
     x = still()
-    x[:, 1] = 0.3 * POSITION / spec.dt  # a tick is too little to be seen
+    x[:, 1] = 0.3 * POSITION_TOLERANCE / spec.dt  # a tick is too little to be seen
     assert run(replace(task, spec=spec), x)["violations"] > N // 2
 
 

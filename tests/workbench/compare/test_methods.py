@@ -231,7 +231,7 @@ def test_the_point_that_a_row_takes_makes_it_free_of_the_tool_frame(row):
     assert change < 1e-9 if row.setting.point.startswith("given") else change > 1e-5
 
 
-def test_all_are_told_what_the_library_is_told():
+def test_all_are_given_what_the_library_is_given():
     robot = arm("panda")
     given = spec_of(robot, LawSpec(dt=0.01, delay=0.05, posture_gain=2.0, point=(0.0, 0.0, 0.1)))
     assert given.gain == iq.Controller(robot, dt=0.01, delay=0.05).gain < iq.Controller(robot, dt=0.01).gain

@@ -7,7 +7,6 @@ import invariantqp as iq
 from invariantqp.errors import RobotModelError
 from invariantqp.robots.chain import Chain
 from invariantqp.workbench.compare.arms import STARTS, arm, random_arm, urdf
-from invariantqp.workbench.compare.figures import poses_of
 from invariantqp.workbench.compare.method import LoopSpec
 from invariantqp.workbench.compare.tasks import COUNTS, KINDS, LATE, SINGULAR, STREAM, Maker, bed, from_file, joint_path
 
@@ -138,18 +137,8 @@ def test_the_text_is_the_same_arm(name):
     np.testing.assert_allclose(model.upperPositionLimit, robot.position_upper)
 
 
-def test_poses_of_hinges_slides_and_helices_are_the_robot_s():
-    rng = np.random.default_rng(1)
-    screws = np.column_stack(
-        (
-            iq.se3.revolute([0, 0, 1], [0.1, 0, 0]),
-            iq.se3.prismatic([0, 1, 1]),
-            iq.se3.helical([1, 0, 0], [0, 1, 0], 0.3),
-        )
-    )
-    robot = Chain(screws, iq.exp([0.1, 0.2, 0.3, 0.4, 0.5, 0.6]))
-    Q = rng.normal(size=(7, 3))
-    np.testing.assert_allclose(poses_of(robot.screws, robot.home, Q), np.array([robot.pose(q) for q in Q]), atol=1e-12)
+def test_a_helical_joint_has_no_urdf():
+    robot = Chain(np.array([iq.se3.helical([1, 0, 0], [0, 1, 0], 0.3)]).T, np.eye(4))
     with pytest.raises(RobotModelError, match="helical"):
         urdf(robot)
 

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 import invariantqp as iq
 from invariantqp.workbench import picture
 from invariantqp.workbench.pictures.figure import figure_file
-from invariantqp.workbench.pictures.run import NARROWEST, _curve
+from invariantqp.workbench.pictures.run import MIN_WIDTH_MM, _curve
 
 ROOT = Path(__file__).parents[3]
 
@@ -63,11 +63,11 @@ def test_no_import_and_no_picture_changes_matplotlib(tmp_path):
     assert len(files) == 3
 
 
-def test_a_format_that_cannot_be_written_is_told(tmp_path):
+def test_an_unknown_format_is_refused(tmp_path):
     for name in ("picture.txt", "picture"):
         with (
             pytest.raises(iq.BadInput, match=r"found the ending .*expected one of .*\.svg"),
-            figure_file(tmp_path / name, (4.0, 3.0), {}),
+            figure_file(tmp_path / name, (4.0, 3.0)),
         ):
             pass
     assert not list(tmp_path.iterdir())
@@ -75,29 +75,29 @@ def test_a_format_that_cannot_be_written_is_told(tmp_path):
 
 def test_rounding_of_a_tool_that_stays_is_not_magnified():
     axes, rng = Figure().subplots(), np.random.default_rng(0)
-    desired, drawn = 1e-16 * rng.normal(size=(2, 50, 3))
-    contact = SimpleNamespace(normal=np.array([0.0, 0.0, 1.0]), desired=desired, drawn=drawn)
+    desired, actual = 1e-16 * rng.normal(size=(2, 50, 3))
+    contact = SimpleNamespace(normal=np.array([0.0, 0.0, 1.0]), desired=desired, drawn=actual)
     _curve(axes, SimpleNamespace(counted_from=0), contact)
-    assert np.ptp(axes.get_xlim()) >= NARROWEST
+    assert np.ptp(axes.get_xlim()) >= MIN_WIDTH_MM
     assert any(line.get_marker() == "o" for line in axes.lines)
 
 
-def test_what_is_no_trace_is_told(tmp_path):
+def test_anything_but_a_trace_is_refused(tmp_path):
     with pytest.raises(iq.BadInput, match="trace: found 3; expected a Trace"):
         picture(3, tmp_path / "picture.svg")
 
 
-def test_a_place_that_cannot_be_written_to_is_told(tmp_path):
+def test_a_file_that_cannot_be_written_is_refused(tmp_path):
     with (
         pytest.raises(iq.BadInput, match="expected a file that can be written"),
-        figure_file(tmp_path / "nowhere" / "picture.svg", (4.0, 3.0), {}),
+        figure_file(tmp_path / "nowhere" / "picture.svg", (4.0, 3.0)),
     ):
         pass
 
 
 def test_an_error_while_drawing_writes_no_file(tmp_path):
     def draw():
-        with figure_file(tmp_path / "picture.svg", (4.0, 3.0), {"font.size": 30.0}) as figure:
+        with figure_file(tmp_path / "picture.svg", (4.0, 3.0), style={"font.size": 30.0}) as figure:
             figure.subplots().plot([1, 2], [1, 2, 3])
 
     with pytest.raises(ValueError, match="same first dimension"):

@@ -75,7 +75,7 @@ def test_a_clearance_that_holds_the_arm_is_a_limit_that_was_active():
     viewer = iq.workbench.Viewer(near, port=0)
     try:
         trace = iq.run_task(near, observer=viewer.watch)
-        live = json.loads(viewer.news("0")[1])["limit_active"]
+        live = json.loads(viewer.update("0")[1])["limit_active"]
     finally:
         viewer.close()
     assert not trace.limit_active[0]

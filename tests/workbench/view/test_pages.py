@@ -385,7 +385,7 @@ def test_obstacles_are_where_they_are_while_a_run_is_running():
     def watch(tick, state, solution):
         viewer.watch(tick, state, solution)
         if tick == 49:
-            during.append(json.loads(viewer.news("")[1]))
+            during.append(json.loads(viewer.update("")[1]))
 
     try:
         iq.run_task(task, observer=watch)
