@@ -111,9 +111,8 @@ def _frame(text: str) -> Any:
     values = numbers("--mount", text)
     if len(values) not in (3, len(POSE_COLUMNS)):
         raise BadInput("--mount", repr(text), "3 numbers, x,y,z, or 7, x,y,z,qx,qy,qz,qw")
-    return quaternion_poses(np.array([[*values, *[0.0, 0.0, 0.0, 1.0][: len(POSE_COLUMNS) - len(values)]]]), "--mount")[
-        0
-    ]
+    values += [0.0, 0.0, 0.0, 1.0][: len(POSE_COLUMNS) - len(values)]
+    return quaternion_poses(np.array([values]), "--mount")[0]
 
 
 def print_identification(result: Identification, name: str, time: Array) -> None:
