@@ -131,7 +131,7 @@ def test_a_normal_declared_5_degrees_wrong_does_not_stop_the_slide(arm):
         measured = plant.measure()
         solution = loop.step(measured.q, target, measured.wrench, ahead)
         plant.command(solution.velocity)
-        assert "does not answer" not in solution.reason
+        assert "does not respond" not in solution.reason
         off = max(off, scene.off(now.pose, target)) if since > 1.5 else off
     assert since > seconds
     assert off < 1e-3

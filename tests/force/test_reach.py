@@ -84,4 +84,4 @@ def test_a_step_down_is_followed_where_it_is_declared(yields, status):
         assert np.abs(run.press[-100:] - 10.0).max() < 1.0
     else:
         assert run.height[-1] > 1e-3  # above what has stepped down by 2 mm
-        assert "standing still where it was felt last" in run.said[-1][1]
+        assert "standing still at the last contact" in run.said[-1][1]

@@ -13,7 +13,7 @@ from support.wrist import wrist
 
 import invariantqp as iq
 from invariantqp.contacts import Contact, ContactKind
-from invariantqp.force.sensor import wrench_of
+from invariantqp.force.wrench import wrench_of
 
 M, F = [0.1, -0.2, 0.3], [4.0, 5.0, -6.0]
 
@@ -62,16 +62,16 @@ def test_what_is_no_wrench_is_told(reading):
 def test_every_way_into_a_controller_asks_for_the_order():
     panda = iq.load_robot("panda")
     loop = iq.HybridController(panda, pen(), dt=DT)
-    with pytest.raises(iq.BadInput, match="order is not said"):
+    with pytest.raises(iq.BadInput, match="without a declared order"):
         loop.step(PANDA, panda.pose(PANDA), np.zeros(6))
     assert loop.step(PANDA, panda.pose(PANDA), iq.Wrench(moment=[0, 0, 0], force=[0, 0, 0])).status == "lost"
-    with pytest.raises(iq.BadInput, match="order is not said"):
+    with pytest.raises(iq.BadInput, match="without a declared order"):
         pen().relabelled().__class__(pen().contact, np.arange(6.0))
-    with pytest.raises(iq.BadInput, match="order is not said"):
+    with pytest.raises(iq.BadInput, match="without a declared order"):
         wrist(order=None, bias=np.arange(6.0))
     with pytest.raises(iq.BadInput, match=r"^order: found 'force'"):
         wrist(order="force")
-    with pytest.raises(iq.BadInput, match=r"^order: found 'force first' beside a sensor"):
+    with pytest.raises(iq.BadInput, match=r"^order: found 'force first' and a sensor"):
         iq.HybridController(panda, pen(), dt=DT, sensor=wrist(), order="force first")
     with pytest.raises(TypeError):
         iq.WrenchSensor(np.eye(4))
@@ -168,5 +168,5 @@ def test_six_zeros_have_no_order():
     loop = iq.HybridController(panda, task, dt=DT)
     home, reading = panda.pose(PANDA), iq.Wrench(moment=[0, 0, 0], force=[0, 0, 0])
     assert not loop.step(PANDA, home, reading, wanted=(0.0,) * 6).wanted.any()
-    with pytest.raises(iq.BadInput, match="order is not said"):
+    with pytest.raises(iq.BadInput, match="without a declared order"):
         loop.step(PANDA, home, reading, wanted=[0, 0, 0, 0, 0, 1.0])

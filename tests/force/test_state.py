@@ -24,15 +24,15 @@ def test_a_copy_goes_on_alike_and_apart(bench, other):
     for _ in range(3):
         ours, its = bench.loop.step(q, bench.start, wrench), twin.step(q, bench.start, wrench)
         np.testing.assert_array_equal(ours.velocity, its.velocity)
-    before = twin.memory.press.bounds()
+    before = twin.state.law.bounds()
     bench.run(20)
-    assert twin.memory.press.bounds() == before
+    assert twin.state.law.bounds() == before
 
 
 def test_a_memory_that_was_kept_may_be_set_again(bench):
-    kept, q, wrench = bench.loop.memory, bench.q, bench.wrench()
+    kept, q, wrench = bench.loop.state, bench.q, bench.wrench()
     one = bench.loop.step(q, bench.start, 0.5 * wrench)
-    bench.loop.memory = kept
+    bench.loop.state = kept
     bench.loop.loop.state = bench.loop.loop.state
     assert bench.loop.step(q, bench.start, 0.5 * wrench).force == pytest.approx(one.force)
 
@@ -52,7 +52,7 @@ def test_the_response_to_commands_is_found_at_the_touch(k, b):
         press_on_damper("gantry", stiffness=k, damping=b, dt=0.002, seconds=3.0)
     finally:
         iq.HybridController.step = original
-    bound, damping, _, least = loops[0].memory.press.bounds()
+    bound, damping, _, least = loops[0].state.law.bounds()
     assert 0.9 * k < bound < 4.0 * k
     assert least < 1.1 * k
     assert damping > 0.5 * b

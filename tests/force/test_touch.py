@@ -20,7 +20,7 @@ def test_noise_three_times_the_told_one_is_told_and_no_fault():
     assert run.stopped() is None
     assert run.statuses()[-1] == "degraded"
     said = run.solutions[-1].reason
-    assert "0.2 are told (noise=)" in said
+    assert "0.2 are declared (noise=)" in said
     assert float(said.split()[2]) == pytest.approx(0.6, rel=0.15)
     assert run.press[-200:].mean() == pytest.approx(5.0, rel=0.05)
 
@@ -140,7 +140,7 @@ def test_a_press_that_swings_and_a_force_not_reached_are_told():
     fast = press_on_plane(
         5.0, stiffness=1e5, delay=0.016, dt=0.004, gap=0.0, seconds=3.0, compliance=2e-3, max_force=1e3, max_moment=1e2
     )
-    assert any("the press swings about 5 N" in s.reason for s in fast.solutions)
+    assert any("the press oscillates about 5 N" in s.reason for s in fast.solutions)
     assert "ok" not in fast.statuses()[-250:]
     slow = press_on_plane(
         5.0, tilt=np.radians(5.0), gap=0.0, compliance=2e-4, dt=0.004, seconds=3.0, period=6.0, max_force=50.0

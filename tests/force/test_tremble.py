@@ -7,7 +7,6 @@ from support.spring_plane import PANDA, UP, exerted
 from support.wrist import wrist
 
 import invariantqp as iq
-from invariantqp.force import messages
 
 DT = 0.002
 
@@ -60,7 +59,6 @@ def test_noise_takes_a_tool_not_off_its_path(noise, acceleration, stiffness, sec
 def test_a_gain_that_is_lowered_for_noise_is_told_and_a_low_pass_needs_none():
     *_, said, _ = wiped(1.0, 5.0, stiffness=1e3)
     assert any("of the force gain is left; give the sensor a lower cutoff=" in why for _, why in said)
-    assert "0.25 of the force gain is left" in messages.lowered(0.25, 0.3)
     *_, said, _ = wiped(0.1, 5.0, cutoff=20.0)
     assert not any("of the force gain is left" in why for _, why in said)
 
@@ -80,10 +78,10 @@ def test_the_room_is_what_noise_leaves_of_the_joint_that_has_least(noise, limit)
         wrench = np.concatenate((np.cross(tool[:3, 3], -press * UP), -press * UP))
         loop.step(q, tool, -iq.coadjoint(iq.inverse(tool)) @ wrench)
     if noise == 0.0 or limit is None:
-        assert loop.room == 1.0
+        assert loop.acceleration_share == 1.0
         return
     down = np.concatenate((np.zeros(3), -UP))  # of a unit rate
     most = np.where(np.isfinite(limits), limits, 90.0)
     share = 1.5 * noise * np.sqrt(2.0) / DT * np.abs(np.linalg.solve(robot.jacobian(q), down) / most).max()
-    assert 1.0 - loop.room == pytest.approx(share * loop.memory.gain, rel=1e-9)
-    assert 0.0 < 1.0 - loop.room < 0.5
+    assert 1.0 - loop.acceleration_share == pytest.approx(share * loop.state.gain, rel=1e-9)
+    assert 0.0 < 1.0 - loop.acceleration_share < 0.5

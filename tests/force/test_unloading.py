@@ -235,7 +235,9 @@ def test_a_reading_that_stays_above_the_wanted_press_leads_the_tool_out_by_milli
     run = press_on_damper("panda", stiffness=stiffness, reads=Held(share), since=4.0, seconds=30.0)
     stop = run.stopped
     assert run.said[stop][0] == "fault"
-    assert "are still read: the readings do not answer the motion: a sensor that is stuck, drifts" in run.said[stop][1]
+    assert (
+        "are still read: the readings do not respond to the motion: a sensor that is stuck, drifts" in run.said[stop][1]
+    )
     assert 1e-3 < run.height[: stop + 1].max() < 4e-3
 
 

@@ -325,7 +325,7 @@ def test_a_tool_that_stops_on_its_way_while_nothing_is_felt_retreats():
         if said[-20:-19] == said[-1:] and "until reset" in solution.reason:
             break
     assert said[-1][0] == "fault"
-    assert "nearer, the tool came" in said[-1][1]
-    assert "something holds it, or the sensor is stuck: standing still until reset" in said[-1][1]
+    assert "towards the contact, the tool moved" in said[-1][1]
+    assert "something blocks it, or the sensor is stuck: standing still until reset" in said[-1][1]
     assert asked < 0.017
     assert bench.q[2] > 0.019  # where the approach began, and 20 mm more
