@@ -1,6 +1,5 @@
 #include "force.hpp"
 #include <algorithm>
-#include <complex>
 
 namespace iq::force {
 
@@ -15,38 +14,6 @@ Gains gains(double k, double b, double delay)
         g = std::min(g, (1 + tau / delay) / (GAIN_MARGIN * b));
     return {g, tau, INTEGRAL_TIME / (g * k)};
 }
-
-Margins margins(const Gains& law, double k, double b, double delay)
-{
-    constexpr int POINTS = 20000;  // of a logarithmic grid from 1e-4 to 1e3 in units of 1/delay
-    constexpr double LOW = 1e-4, HIGH = 1e3;
-    Margins found{INFINITY, INFINITY, 0};
-    double size_before = 0, phase_before = 0;
-    for (int i = 0; i < POINTS; i++) {
-        const double w = LOW / delay * std::pow(HIGH / LOW, i / (POINTS - 1.0));
-        // The phase is written out: an arctangent of L would leave out whole turns of the delay.
-        const double phase = -PI - w * delay + std::atan(w * law.Ti) - std::atan(w * law.tau) + std::atan2(b * w, k);
-        const double size = law.g * std::hypot(1, 1 / (w * law.Ti)) / std::hypot(1, w * law.tau) * std::hypot(k, b * w) / w;
-        if (i > 0) {
-            const double turns = std::ceil((phase_before + PI) / (2 * PI)) - 1;  // the next crossing below
-            const double crossing = -PI + 2 * PI * turns;
-            if (phase < crossing && phase_before > crossing) {
-                const double share = (phase_before - crossing) / (phase_before - phase);
-                found.gain = std::min(found.gain, 1 / (size_before * std::pow(size / size_before, share)));
-            }
-            if ((size - 1) * (size_before - 1) <= 0 && size != size_before) {
-                const double share = std::log(size_before) / std::log(size_before / size);
-                const double there = phase_before + share * (phase - phase_before);
-                found.phase = std::min(found.phase, std::abs(std::remainder(there + PI, 2 * PI)));
-            }
-        }
-        found.sensitivity = std::max(found.sensitivity, 1 / std::abs(1.0 + std::polar(size, phase)));
-        size_before = size, phase_before = phase;
-    }
-    return found;
-}
-
-// ---------------------------------------------------------------------------------------------------------------------
 
 void ContactTest::update(double press, double limit, double noise, double dt)
 {
@@ -97,25 +64,25 @@ void StiffnessEstimate::set_prior(double stiffness)
     for (StiffnessRegression& one : fits)
         one.k = one.k_error = prior, one.b = one.b_error = DAMPING_TIME * prior, one.sums = {};
 }
-// A contact is at most as stiff as its force over the displacement since nothing was felt.
+// A contact is at most as stiff as its force over the displacement since there was no force.
 void StiffnessEstimate::set_prior_from_impact(double noise, const Settings& s)
 {
     if (!std::isnan(displacement_in_air))
         set_prior(std::max(force, 3 * noise) / std::max(fits[2].x - displacement_in_air, RESOLUTION * s.size));
 }
-void StiffnessEstimate::update(double reading, const std::array<double, FITS>& displacement, double missing, double largest, bool is_felt,
+void StiffnessEstimate::update(double reading, const std::array<double, FITS>& displacement, double missing, double largest, bool is_loaded,
                                double delay, double noise, double speed, const Settings& s)
 {
     const double dt = s.dt, window = WINDOW * delay, r = std::min(1.0, dt / window);
     const bool is_impact = time == 0;
     const int side = missing > FORCE_TOLERANCE * largest ? 1 : missing < -FORCE_TOLERANCE * largest ? -1 : 0;
-    force = reading, time += dt, time_felt = is_felt ? time_felt + dt : 0, stiffened = false;
+    force = reading, time += dt, time_loaded = is_loaded ? time_loaded + dt : 0, stiffened = false;
     time_off = time_off * side > 0 ? time_off + side * dt : side * dt;
     time_settled = side ? 0 : time_settled + dt;
     if (std::abs(largest - desired) > FORCE_TOLERANCE * desired || std::abs(time_off) > 2 * window)
         is_learning = true, time_learning = 0;
     desired = largest;
-    const bool filter_fills = time_felt <= 3 * s.filter_time + 2 * dt;  // the low-pass still holds readings of the air
+    const bool filter_fills = time_loaded <= 3 * s.filter_time + 2 * dt;  // the low-pass still holds readings of the air
     if (!filter_fills) {
         reached = reached || side == 0, time_learning += dt;
         if (time_settled > window || time_learning > 5 * window)
@@ -280,9 +247,9 @@ bool update_tare(State& st, const Settings& s, const Inputs& in, const ContactTe
 {
     constexpr double REPEAT = 10, UNLOADED = 0.1;  // [s], in sizes
     Tare& tare = st.tare;
-    bool in_air = true, felt = false;
+    bool in_air = true, touches = false;
     for (int i = 0; i < in.presses; i++)
-        in_air = in_air && st.parts[i].contact.evidence == -CERTAIN, felt = felt || st.parts[i].contact.touching;
+        in_air = in_air && st.parts[i].contact.evidence == -CERTAIN, touches = touches || st.parts[i].contact.touching;
     // Until the mean is known to half a per cent of the press; half a tick more, so that rounding decides no tie.
     const double sigma = std::max(s.noise, st.noise.sigma);
     const double time = sigma > 0 ? std::clamp(s.dt * (0.5 + std::pow(sigma / (5e-3 * most_desired + 1e-300), 2)), 0.1, 0.4) : 2 * s.dt;
@@ -301,7 +268,7 @@ bool update_tare(State& st, const Settings& s, const Inputs& in, const ContactTe
     if (tare.time == 0)
         tare.sum = {}, tare.unloaded = 0;
     constexpr double SHORTEST = 0.05;  // [s]
-    if (tare.unloaded == 0 && felt && !tare.is_done) {
+    if (tare.unloaded == 0 && touches && !tare.is_done) {
         if (tare.time > SHORTEST) {  // a touch before the mean is well known
             add_mean();
             tare.is_done = true, tare.time = 0;
@@ -313,9 +280,9 @@ bool update_tare(State& st, const Settings& s, const Inputs& in, const ContactTe
         const double tolerance = 0.5 * FORCE_TOLERANCE * in.desired_press[0];
         const double force = *std::min_element(in.force.begin(), in.force.begin() + in.presses);
         tare.max_force = std::max(tare.max_force, force);
-        if (!felt && tare.max_force - force < tolerance)  // noise about the limit
+        if (!touches && tare.max_force - force < tolerance)  // noise about the limit
             tare.time = tare.unloaded = 0;
-        else if (tare.max_force - force > std::max(tolerance, 4 * noise) || !felt) {
+        else if (tare.max_force - force > std::max(tolerance, 4 * noise) || !touches) {
             tare.is_done = tare.in_contact = true, tare.time = tare.unloaded = 0;  // readings fall: it is a contact
             return false;
         }
@@ -323,7 +290,7 @@ bool update_tare(State& st, const Settings& s, const Inputs& in, const ContactTe
     tare.time += s.dt;
     for (int i = 0; i < 6; i++)
         tare.sum[i] += s.dt * (in.load[i] - tare.bias[i]);
-    if ((tare.unloaded > 0 ? tare.unloaded > UNLOADED * s.size : !felt) && tare.time >= time) {
+    if ((tare.unloaded > 0 ? tare.unloaded > UNLOADED * s.size : !touches) && tare.time >= time) {
         if (!tare.is_done || tare.age > REPEAT)
             add_mean();
         if (tare.unloaded > 0)
@@ -426,8 +393,8 @@ Output tick(State& st, const Settings& s, const Inputs& in)
         if ((test.touching || (is_press && test.within(s.lost_after))) && !in.beyond_edge) {
             if (presses == 0)
                 c.estimate.time_settled = 0, c.estimate.time_learning = 0, c.estimate.is_learning = true;
-            const bool is_felt = !is_press || (test.touching && in.force[i] > limit);
-            c.estimate.update(in.force[i], c.displacement, in.desired[i] - in.force[i], presses ? most_desired : INFINITY, is_felt, delay, noise,
+            const bool is_loaded = !is_press || (test.touching && in.force[i] > limit);
+            c.estimate.update(in.force[i], c.displacement, in.desired[i] - in.force[i], presses ? most_desired : INFINITY, is_loaded, delay, noise,
                               in.moved[i] / s.dt, s);
         } else
             c.estimate.in_air(in.force[i], c.displacement, in.force[i] <= 0.25 * limit && test.evidence == -CERTAIN, s);

@@ -9,7 +9,7 @@
 //
 // G = 1/2 leaves a phase margin of 61 degrees to a spring without the integral. GM is the gain margin where a damper,
 // whose gain does not fall with frequency, limits the gain. With the integral, and with true k down to a quarter of the bound
-// and b down to zero: gain margin 2.15, phase margin 54 degrees, largest sensitivity 1.87 (`margins`).
+// and b down to zero: gain margin 2.15, phase margin 54 degrees, largest sensitivity 1.87 (force/loop_margins.py).
 // Reference: Skogestad 2003 (half rule, integral time); Villani and De Schutter 2016, force control.
 #pragma once
 #include <algorithm>
@@ -28,12 +28,6 @@ struct Gains {
 };
 // The gains for upper bounds of stiffness k [force/length] and damping b [force s/length] and a delay [s].
 Gains gains(double k, double b, double delay);
-
-struct Margins {
-    double gain, phase, sensitivity;  // ratio, [rad], largest |1/(1 + L)|
-};
-// The margins of the loop with a true stiffness and damping.
-Margins margins(const Gains& law, double k, double b, double delay);
 
 // ---------------------------------------------------------------------------------------------------------------------
 // A tick of the law. Forces and displacements are unit parts and unit rates of force/contact.py, presses first; a displacement
@@ -103,14 +97,14 @@ struct StiffnessEstimate {
     std::array<StiffnessRegression, FITS> fits{};
     int best = 2;
     double bound = 0, prior = 0, force = 0, force_mean = 0, force_means = 0;
-    double time = 0, time_felt = 0, time_off = 0, time_settled = 0, time_learning = 0;  // [s] time_off: signed
+    double time = 0, time_loaded = 0, time_off = 0, time_settled = 0, time_learning = 0;  // [s] time_off: signed
     double desired = 0, displacement_in_air = NAN, max_damping = INFINITY;
     bool reached = false, stiffened = false, is_learning = true;
 
     void restart(double stiffness);
     void set_prior(double stiffness);  // a stiffness that an impact or an unloading has shown
     void in_air(double reading, const std::array<double, FITS>& displacement, bool no_force, const Settings& s);
-    void update(double reading, const std::array<double, FITS>& displacement, double missing, double largest, bool is_felt, double delay,
+    void update(double reading, const std::array<double, FITS>& displacement, double missing, double largest, bool is_loaded, double delay,
                 double noise, double speed, const Settings& s);
     const StiffnessRegression& fit() const { return fits[best]; }
     bool has_data() const { return fit().sums[0] > 0; }
@@ -242,7 +236,7 @@ struct Inputs {
     std::array<double, MAX_CONSTRAINTS> desired{}, force{}, desired_press{}, press{};  // unit parts, filtered; presses, raw
     std::array<double, MAX_CONSTRAINTS> moved{};             // unit displacements since the last tick, measured
     std::array<double, 6> reading{}, load{}, along{};        // load in the sensor's frame; motion [length/s]
-    std::array<double, 2> felt{}, limit{};                   // force and moment, and what is an overload
+    std::array<double, 2> measured{}, limit{};                   // force and moment, and what is an overload
     double total_press = 0, missing = 0, gain_scale = 1, came = 0, across = 0, compliance = 0;
     double along_commanded = 0, along_measured = 0;          // displacements along the contact in the last tick
     bool beyond_edge = false, can_yield = true;

@@ -1,4 +1,4 @@
-// The force law and the tick of a tool in contact, for Python: force_gains, force_margins, ContactSplit, Hybrid, HybridState.
+// The force law and the tick of a tool in contact, for Python: force_gains, ContactSplit, Hybrid, HybridState.
 #include "hybrid.hpp"
 #include "loop_module.hpp"
 #include <nanobind/stl/tuple.h>
@@ -14,11 +14,6 @@ std::tuple<double, double, double> gains_of(double k, double b, double late)
 {
     const force::Gains law = force::gains(k, b, late);
     return {law.g, law.tau, law.Ti};
-}
-std::tuple<double, double, double> margins_of(double g, double tau, double Ti, double k, double b, double late)
-{
-    const force::Margins found = force::margins({g, tau, Ti}, k, b, late);
-    return {found.gain, found.phase, found.sensitivity};
 }
 
 force::Settings law_of(const Fields& f)
@@ -93,8 +88,7 @@ void make_split(ContactSplit* made, nb::dict given)
     s.intensities = f.matrix("intensities", s.n, 6), s.unit_parts = f.matrix("unit_parts", s.n, 6);
     s.unit_rates = f.matrix("unit_rates", s.n, 6), s.twist = f.matrix("twist", 6, s.n);
     s.out = f.numbers("out", 6), s.wrench = f.numbers("wrench"), s.origin = f.point("origin");
-    const std::vector<double> load = f.numbers("load", 2);
-    s.load[0] = load[0], s.load[1] = load[1], s.compliance = f.number("compliance", 0, 1e300);
+    s.compliance = f.number("compliance", 0, 1e300);
     new (made) ContactSplit(s);
 }
 
@@ -157,19 +151,19 @@ nb::object tick_of(const Hybrid& hybrid, HybridState& state, const Loop& loop, L
     in.velocity = optional(velocity, "velocity", m, read), in.target = read_pose(target, "target", read);
     in.feedforward = optional(feedforward, "feedforward", 6, read), in.wrench = optional(wrench, "wanted", 6, read);
     in.posture = optional(posture, "posture", m, read), in.contact = Pose(read.matrix(contact, "contact", 4, 4).p), in.edge = edge;
-    const LoopFunctions asked = loop_functions(functions, read, m, w);
+    const LoopFunctions calls = loop_functions(functions, read, m, w);
     try {
-        asked.begin(in.q);
-        const HybridTick tick = hybrid.tick(state, loop, joints, split, in, asked, w);
+        calls.begin(in.q);
+        const HybridTick tick = hybrid.tick(state, loop, joints, split, in, calls, w);
         if (tick.normal_turned > 0)
             return nb::float_(tick.normal_turned);
-        const nb::object found = loop_solution(tick.loop, asked, !functions.is_none()), J = matrix_or_none(tick.J);
+        const nb::object found = loop_solution(tick.loop, calls, !functions.is_none()), J = matrix_or_none(tick.J);
         if (!tick.is_plausible)
             return nb::make_tuple(found, J, nb::none(), nb::none(), nb::none());
         const Mat pose(w, 4, 4);
         tick.contact.write(pose.p);
         return nb::make_tuple(found, J, nb::make_tuple(array_of(tick.motion), array_of(tick.force), array_of(tick.wrench), array_of(tick.error),
-                              array_of(tick.intensities), array_of(tick.wanted)),
+                              array_of(tick.intensities), array_of(tick.W_d)),
                               hybrid.settings.normal_within > 0 ? matrix_or_none(pose) : nb::none(), report_of(tick));
     } catch (const FarTarget&) {
         refuse("target is too far away");
@@ -184,16 +178,12 @@ nb::object tick_of(const Hybrid& hybrid, HybridState& state, const Loop& loop, L
 void bind_force(nb::module_& m)
 {
     m.def("force_gains", gains_of, "k"_a, "b"_a, "late"_a, "g, tau, Ti of the force law.");
-    m.def("force_margins", margins_of, "g"_a, "tau"_a, "Ti"_a, "k"_a, "b"_a, "late"_a,
-          "Gain margin, phase margin [rad], largest sensitivity.");
     m.def("sensor_load", sensor_load, "sensor"_a, "reading"_a, "tool"_a, "(6,) the wrench that the tool exerts, in the sensor's frame.");
     m.def("sensor_deadband", sensor_deadband, "sensor"_a, "wrench"_a, "(6,) a wrench in the sensor's frame after the deadbands.");
     m.def("contact_frame", frame_of, "point"_a.none(), "normal"_a.none(), "tangent"_a.none(),
           "(4, 4) z against the outward normal, x along the projection of a tangent on the surface.");
     const auto get = [](auto part, auto field) { return [=](const State& s) { return s.*part.*field; }; };
     nb::class_<State>(m, "ForceState", "What the force law and its monitor remember between two ticks.")
-        .def_prop_ro("is_tared", get(&State::tare, &force::Tare::is_done), "Whether the bias is known.")
-        .def_prop_ro("in_contact_at_start", get(&State::tare, &force::Tare::in_contact), "Whether the tool was in contact at the start.")
         .def_prop_ro("tare_age", get(&State::tare, &force::Tare::age), "Time since the bias was measured [s].")
         .def_prop_ro("noise", get(&State::noise, &force::NoiseEstimate::sigma), "Measured standard deviation of a force component, 0 if not above the declared one [force].")
         .def_prop_ro("lag", get(&State::arm, &force::LagEstimate::lag), "Measured lag of the joints, NaN before it is known [s].")

@@ -1,12 +1,12 @@
 // The monitor of a press. Each check, the fault it finds, an example, and the test that fails without it:
 //
-//     overload           too much force or moment                     a jump of 30 N             test_faults, test_watch
+//     overload           too much force or moment                     a jump of 30 N             test_faults, test_monitor
 //     stale sensor       a reading that repeats to the last bit       an unplugged sensor        test_faults
 //     tension            a contact that seems to pull                 a wrong sign               test_faults
-//     approach           no contact, or an arm that does not follow   brakes on, a thin part     test_watch
-//     last contact       too little force where contact was felt      a sensor that fails        test_reach
+//     approach           no contact, or an arm that does not follow   brakes on, a thin part     test_monitor
+//     last contact       too little force where contact was felt      a sensor that fails        test_last_contact
 //     consistency        readings that contradict the displacement    a stuck or drifting sensor test_unloading
-//     oscillation        a force that oscillates or is not reached    an undeclared delay        test_touch
+//     oscillation        a force that oscillates or is not reached    an undeclared delay        test_impact
 #include "force.hpp"
 
 namespace iq::force {
@@ -30,12 +30,12 @@ FaultDecision check_overload(State& st, const Settings& s, const Inputs& in)
 {
     bool over = false;
     for (int i = 0; i < 2; i++) {  // after the desired force was lowered, the limit falls with the force
-        st.overload[i] = std::max(in.limit[i], std::min(std::exp(-s.dt / SETTLING_TIME) * st.overload[i], OVERLOAD * in.felt[i]));
-        over = over || in.felt[i] > st.overload[i];
+        st.overload[i] = std::max(in.limit[i], std::min(std::exp(-s.dt / SETTLING_TIME) * st.overload[i], OVERLOAD * in.measured[i]));
+        over = over || in.measured[i] > st.overload[i];
     }
     if (!over)
         return {};
-    return {Fault::overload, {in.felt[0], st.overload[0], in.felt[1], st.overload[1]}};
+    return {Fault::overload, {in.measured[0], st.overload[0], in.measured[1], st.overload[1]}};
 }
 
 FaultDecision check_stale_sensor(State& st, const Settings& s, const Inputs& in, double sigma)
@@ -155,7 +155,7 @@ FaultDecision unload(Constraint& c, const Settings& s, double force, double desi
             test.phase = 2;
         return {};
     }
-    if (c.contact.evidence == -CERTAIN && std::isnan(test.distance_at_zero) && test.start_force > FORCE_TOLERANCE * desired)  // a smaller force was hardly told from zero
+    if (c.contact.evidence == -CERTAIN && std::isnan(test.distance_at_zero) && test.start_force > FORCE_TOLERANCE * desired)  // a smaller force is hardly above the noise
         test.distance_at_zero = unloaded;
     if (!std::isnan(test.distance_at_zero)) {
         if (test.is_static && unloaded - test.distance_at_zero < std::max(0.5 * test.distance_at_zero, STEP * s.size)
@@ -340,8 +340,8 @@ void monitor(State& st, const Settings& s, const Inputs& in, const TickSignals& 
     out.fault = stopped.fault;
     if (stopped.fault != Fault::none) {
         // A surface that follows the tool makes the retreat longer: it goes on while the force rises.
-        stopped.min_force = std::min(stopped.min_force, in.felt[0]);
-        if (in.presses > 0 && !is_loss(stopped.fault) && in.felt[0] > stopped.min_force + std::max(0.5 * in.desired_press[0], 10 * now.sigma))
+        stopped.min_force = std::min(stopped.min_force, in.measured[0]);
+        if (in.presses > 0 && !is_loss(stopped.fault) && in.measured[0] > stopped.min_force + std::max(0.5 * in.desired_press[0], 10 * now.sigma))
             stopped.distance = std::max(stopped.distance, stopped.retreated + STEP * s.size);
         const bool retreats = is_loss(stopped.fault) ? s.on_loss == OnLoss::retreat : s.fault_retreats;
         out.action = retreats && stopped.retreated < (1 - 1e-9) * stopped.distance ? Action::retreat : Action::hold;

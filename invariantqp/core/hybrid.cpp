@@ -180,7 +180,7 @@ class TickInContact {
         raw = to_base * vec(unfiltered, w), found.wrench = to_base * vec(set.sensor ? set.sensor->deadband(filtered) : filtered, w);
         W = t(A) * found.wrench, W_raw = t(A) * raw;
         W_d = in.wrench.w ? in.wrench : view(split.wrench, w);
-        found.error = B * (view(split.force, 6, 6, w) * (W_d - W)), found.wanted = B * W_d;
+        found.error = B * (view(split.force, 6, 6, w) * (W_d - W)), found.W_d = B * W_d;
         found.intensities = intensities * W;
     }
     // The share of the joints' acceleration that noise takes through the force law, per unit of its gain:
@@ -199,7 +199,7 @@ class TickInContact {
         for (int i = 0; i < 6; i++)
             for (int j = 0; j < m; j++)
                 M(i, j) *= std::isfinite(limits.acceleration[j]) ? limits.acceleration[j] : FREE_JOINT * largest;
-        const Mat asked = transposed(root * (A * (view(split.twist, 6, n, w) * unit_parts)));
+        const Mat twists = transposed(root * (A * (view(split.twist, 6, n, w) * unit_parts)));
         const RQ rq(m >= 6 ? M : transposed(M));
         const bool regular = m >= 6 && rq.regular(SINGULAR);
         std::optional<SVD> svd;
@@ -207,7 +207,7 @@ class TickInContact {
             svd.emplace(M);
         Vec squares(w, m, 0);
         for (int i = 3; i < 6; i++) {  // of each component of the force
-            const Vec x = regular ? rq.least(asked[i]) : svd->least(asked[i], svd->rank(SINGULAR));
+            const Vec x = regular ? rq.least(twists[i]) : svd->least(twists[i], svd->rank(SINGULAR));
             for (int j = 0; j < m; j++)
                 squares[j] += x[j] * x[j];
         }
@@ -270,15 +270,15 @@ class TickInContact {
     // The measured load, and the limits of an overload, which noise on the desired force stays below.
     void limits(force::Inputs& now) const
     {
-        const Load desired = load_at(found.wanted, {point});
-        const double f = std::max(split.load[0], desired.force), moment = std::max(split.load[1], desired.moment);
+        const Load desired = load_at(found.W_d, {point}), declared_load = load_at(view(split.wrench, w), {split.origin});
+        const double f = std::max(declared_load.force, desired.force), moment = std::max(declared_load.moment, desired.moment);
         const double usual = f > 0 ? std::max(force::OVERLOAD * f, f + NOISE_PEAK * noise()) : DEFAULT_OVERLOAD;
         now.limit[0] = std::isnan(set.max_force) ? usual : set.max_force;
         now.limit[1] = std::isnan(set.max_moment) ? std::max(force::OVERLOAD * moment, moment + task.size * now.limit[0]) : set.max_moment;
-        const Load felt = load_at(raw, {point, grip});
+        const Load measured = load_at(raw, {point, grip});
         const Vec3 force = vec3(raw.part(3, 6));
         const double press = dot(out, force);
-        now.felt = {std::isnan(set.max_force) ? std::max(std::abs(press), norm(force - press * out)) : felt.force, felt.moment};
+        now.measured = {std::isnan(set.max_force) ? std::max(std::abs(press), norm(force - press * out)) : measured.force, measured.moment};
         if (split.presses == 0) {
             const Load off = load_at(found.error, {point, grip});
             now.missing = std::max(off.force / now.limit[0], off.moment / now.limit[1]);
@@ -287,13 +287,13 @@ class TickInContact {
     // The sum of all presses, in the unit of the smallest: one press may read the friction at another.
     double total_press(const force::Inputs& now) const
     {
-        double felt = 0, wanted = 0, least = INFINITY, all = 0;
+        double press = 0, desired = 0, least = INFINITY, all = 0;
         for (int i = 0; i < split.presses; i++) {
             all += now.press[i];
             if (now.desired_press[i] > 0)
-                felt += now.press[i], wanted += now.desired_press[i], least = std::min(least, now.desired_press[i]);
+                press += now.press[i], desired += now.desired_press[i], least = std::min(least, now.desired_press[i]);
         }
-        return split.presses > 1 && wanted > 0 ? least * felt / wanted : all;
+        return split.presses > 1 && desired > 0 ? least * press / desired : all;
     }
 
     // The twist, and the joint velocity that follows it.
@@ -345,12 +345,12 @@ class TickInContact {
     double unreachable() const
     {
         const Mat root = root_at(vec(grip, w), task.size);
-        const Vec asked = root * found.motion;
-        const double speed = asked.norm();
+        const Vec motion = root * found.motion;
+        const double speed = motion.norm();
         if (speed < force::SLOW * task.approach_speed)
             return 0;
         const SVD svd(root * found.J);
-        const Vec off = found.J * svd.least(asked, svd.rank(6 * 2.2e-16)) - found.motion;
+        const Vec off = found.J * svd.least(motion, svd.rank(6 * 2.2e-16)) - found.motion;
         const double share = (root * (off - along_contact(off))).norm() / speed;
         return share < UNREACHABLE ? 0 : share;
     }
@@ -392,12 +392,12 @@ class TickInContact {
             return;
         }
         NormalEstimate& e = state.normal;
-        const double felt = (unit_parts * W)[0], wanted = found.desired, step = force::STEP * task.size;
+        const double press = (unit_parts * W)[0], desired = found.desired, step = force::STEP * task.size;
         const double k = task.stiffness > 0 ? task.stiffness : state.law.parts[0].estimate.bound;
-        if (std::isnan(e.press) && std::abs(felt - wanted) > force::FORCE_TOLERANCE * wanted)
+        if (std::isnan(e.press) && std::abs(press - desired) > force::FORCE_TOLERANCE * desired)
             return;  // while the force of an impact rises, an error of the stiffness would look like a slope
-        e.press = std::isnan(e.press) ? felt : e.press, e.displacement = e.displacement + moved;
-        const double height = dot(declared, e.displacement), rise = height + (felt - e.press) / k;
+        e.press = std::isnan(e.press) ? press : e.press, e.displacement = e.displacement + moved;
+        const double height = dot(declared, e.displacement), rise = height + (press - e.press) / k;
         const Vec3 along = e.displacement - height * declared;
         if (dot(along, along) < step * step)
             return;
@@ -421,7 +421,7 @@ class TickInContact {
         e.bound = length > most ? set.normal_within : 0;
         if (length > most)
             e.tilt = (most / length) * e.tilt;
-        e.displacement = {}, e.press = felt;
+        e.displacement = {}, e.press = press;
     }
 
     // The scale of the force gain if it is low enough to be reported, else 1.

@@ -22,7 +22,6 @@ struct ContactSplit {
     std::vector<double> twist;          // (6, n) from unit rates to the twist in Z
     std::vector<double> out;            // (6,) unit twist that leaves the contact; empty if none does
     std::vector<double> wrench;         // (6,) that the task exerts
-    double load[2] = {0, 0};            // its force, and its moment about the place of contact
     Vec3 origin{};                      // the place of contact
     double compliance = 0;              // [length/s per force], 0 if not declared
 };
@@ -116,7 +115,7 @@ struct HybridTick {
     double normal_turned = 0;  // by how much the normal turned since the last tick, if by more than a right angle [rad]
     Pose contact;              // with the estimated normal
     Vec motion, force;         // (6,) twists
-    Vec wrench, error, wanted; // (6,) measured, P*(W_d - W), desired
+    Vec wrench, error, W_d;    // (6,) measured, P*(W_d - W), desired
     Vec intensities;           // (n,) parts of the measured wrench in the constraints
     force::Output law;
     double desired = 0;        // the first unit part of the desired wrench

@@ -262,9 +262,7 @@ class HybridTask(Value):
             Z.dot(np.linalg.solve(W.T.dot(Z), L)) / one if W.shape[1] else np.zeros((6, 0)),
             one * one if self.compliance is not None else 0.0,
         )
-        exert = split.desired(self.wrench)
-        moment = exert[:3] - se3.cross(np.asarray(kind.origin), exert[3:])
-        return split._replace(exert=exert, load=(se3.norm(exert[3:]), se3.norm(moment)))
+        return split._replace(wrench=split.desired(self.wrench))
 
     def relabelled(self, offset: ArrayLike | None = None, tool_offset: ArrayLike | None = None) -> HybridTask:
         """The same task in other frames: the contact's displaced by `offset` in itself, the tool's by `tool_offset`.
@@ -350,9 +348,8 @@ class Split(NamedTuple):
         unit_parts: (n, 6), from a wrench to its unit parts.
         unit_rates: (n, 6), from a twist to its unit rates.
         twist: (6, n) from unit rates to the twist along Z that has them.
-        gain: of a declared compliance, from unit parts to unit rates [length/s/force], else 0.
-        exert: (6,) the task's own W_d.
-        load: its force, and its moment about the place of contact [force, force length].
+        compliance: a declared one, from unit parts to unit rates [length/s/force], else 0.
+        wrench: (6,) the task's own W_d.
     """
 
     kind: ContactKind
@@ -361,29 +358,15 @@ class Split(NamedTuple):
     unit_parts: Array
     unit_rates: Array
     twist: Array
-    gain: float
-    exert: Array = np.zeros(6)
-    load: tuple[float, float] = (0.0, 0.0)
+    compliance: float
+    wrench: Array = np.zeros(6)
 
     def fields(self) -> dict[str, Any]:
         """The split as the engine takes it."""
-        kind = self.kind
-        return {
-            "n": len(self.unit_parts),
-            "presses": kind.presses,
-            "motion": self.projectors.motion,
-            "force": self.projectors.force,
-            "constraints": np.asarray(kind.constraints).T,
-            "intensities": self.intensities,
-            "unit_parts": self.unit_parts,
-            "unit_rates": self.unit_rates,
-            "twist": self.twist,
-            "out": kind.out,
-            "wrench": self.exert,
-            "load": self.load,
-            "origin": kind.origin,
-            "compliance": self.gain,
-        }
+        kind, projectors = self.kind, self.projectors
+        more = {"motion": projectors.motion, "force": projectors.force, "constraints": np.asarray(kind.constraints).T}
+        names = "presses", "out", "origin"
+        return {"n": len(self.unit_parts), **self._asdict(), **more, **{name: getattr(kind, name) for name in names}}
 
     def desired_now(self, wrench: Any) -> Array:
         """(6,) W_d of one tick, from the `wanted` of a step."""

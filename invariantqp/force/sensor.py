@@ -54,20 +54,7 @@ class SensorCheck(Compared):
 class WrenchSensor(Value):
     """Mount, load and filter of a wrench sensor.
 
-    Attributes:
-        mount: (4, 4) pose of the sensor's frame in the tool frame.
-        order: of plain numbers, "moment first" or "force first"; None refuses plain numbers.
-        reads: "reaction" or "action".
-        mass: of everything beyond the sensor [kg].
-        centre: (3,) centre of that mass in the sensor's frame [length].
-        gravity: (3,) in the base frame [length/s^2].
-        bias: (6,) reading of the unloaded sensor, (m; f).
-        cutoff: of the low-pass [Hz]; inf is none.
-        force_deadband: forces below this count as zero [N].
-        moment_deadband: moments below this, about `origin`, count as zero [N length].
-        noise: standard deviation of a force component [N].
-        drift: of the bias [N/s].
-        origin: (3,) the point about which the moment deadband is taken, in the sensor's frame.
+    Attributes: as the arguments, with `bias` as (6,) moment first.
     """
 
     mount: Array = field(converter=own)

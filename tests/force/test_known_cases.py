@@ -2,7 +2,7 @@
 
 Reports: fzi-forschungszentrum-informatik/cartesian_controllers, issues 31, 73 and 178. And the hybrid tests of
 isaac-sim/IsaacLab (test_operational_space.py), three of which its pull request 7854 keeps as expected failures, since
-motion and force are coupled there: targets that jump along a wall, other gains, a slope told in its own frame.
+motion and force are coupled there: targets that jump along a wall, other gains, a slope in its own frame.
 """
 
 import numpy as np
@@ -46,7 +46,7 @@ def test_a_press_straight_down_does_not_drift_sideways(gap):
 
 
 def test_a_tool_does_not_slide_off_the_box_it_presses_on():
-    # 2 mm to the edge, no friction, a normal told wrong.
+    # 2 mm to the edge, no friction, a normal declared wrong.
     aside, press, solution = pressed(0.001, box=0.002, tilt=np.deg2rad(5.0))
     assert np.abs(aside).max() < 1e-4
     assert press[-100:].mean() * np.cos(np.deg2rad(5.0)) == pytest.approx(4.0, rel=0.02)

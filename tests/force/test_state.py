@@ -19,7 +19,7 @@ def bench():
 
 
 @pytest.mark.parametrize("other", [copy, lambda loop: pickle.loads(pickle.dumps(loop))])
-def test_a_copy_goes_on_alike_and_apart(bench, other):
+def test_a_copy_is_equal_and_independent(bench, other):
     twin, q, wrench = other(bench.loop), bench.q, bench.wrench()
     for _ in range(3):
         ours, its = bench.loop.step(q, bench.start, wrench), twin.step(q, bench.start, wrench)
@@ -29,7 +29,7 @@ def test_a_copy_goes_on_alike_and_apart(bench, other):
     assert twin.state.law.bounds() == before
 
 
-def test_a_memory_that_was_kept_may_be_set_again(bench):
+def test_a_saved_state_can_be_restored(bench):
     kept, q, wrench = bench.loop.state, bench.q, bench.wrench()
     one = bench.loop.step(q, bench.start, 0.5 * wrench)
     bench.loop.state = kept
@@ -38,7 +38,7 @@ def test_a_memory_that_was_kept_may_be_set_again(bench):
 
 
 @pytest.mark.parametrize(("k", "b"), [(2e3, 0.0), (2e4, 400.0), (1e5, 0.0)])
-def test_the_response_to_commands_is_found_at_the_touch(k, b):
+def test_the_stiffness_is_estimated_at_the_impact(k, b):
     """Within a factor of four, which the margins allow, and an upper bound."""
     loops = []
     original = iq.HybridController.step

@@ -47,7 +47,7 @@ def test_weight_bias_and_transport_against_pinocchio(seed, opposite):
 
 @settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 2**31))
-def test_another_name_for_the_frames_changes_nothing(seed):
+def test_relabelled_frames_change_nothing(seed):
     rng = np.random.default_rng(seed)
     tool, mount, X, Y = motion(rng), motion(rng, 0.2), motion(rng, 0.2), motion(rng, 0.2)
     sensor = wrist(
@@ -60,9 +60,9 @@ def test_another_name_for_the_frames_changes_nothing(seed):
         origin=[0.0, 0.01, 0.02],
     )
     reading = rng.normal(size=6) * 3
-    told = sensor.relabelled(X, Y)
+    other = sensor.relabelled(X, Y)
     there = iq.coadjoint(iq.inverse(X)) @ reading
-    np.testing.assert_allclose(told.wrench(there, tool @ Y), sensor.wrench(reading, tool), atol=1e-11)
+    np.testing.assert_allclose(other.wrench(there, tool @ Y), sensor.wrench(reading, tool), atol=1e-11)
 
 
 @settings(max_examples=60, deadline=None)
@@ -104,7 +104,7 @@ def test_the_low_pass_is_first_order_with_its_cutoff(cutoff, dt):
     np.testing.assert_allclose(answers, 1.0 - np.exp(-2 * np.pi * cutoff * time), atol=1e-12)
 
 
-def test_the_first_reading_is_taken_as_it_is_and_no_cutoff_is_none():
+def test_the_first_reading_starts_the_filter_and_inf_is_no_filter():
     np.testing.assert_allclose(smoothed(5.0, 0.01)(np.arange(6.0)), np.arange(6.0), atol=1e-12)
     smooth = smoothed(np.inf, 0.01)
     smooth(np.zeros(6))

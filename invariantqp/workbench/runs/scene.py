@@ -88,7 +88,7 @@ class ContactScene:
     @cached_property
     def wanted(self) -> Array:
         """(6,) the wrench to exert, in the contact's frame."""
-        return self.task.split(self.kind).exert
+        return self.task.split(self.kind).wrench
 
     @property
     def _weights(self) -> Array:
