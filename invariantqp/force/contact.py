@@ -205,21 +205,20 @@ class HybridTask(Value):
         """The largest slope of the surface against the declared one, a tangent."""
         return max(SLOPE, tan(self.normal_within or 0.0))
 
-    def contact_at(self, tool: Array, given: Any = None) -> Contact:
+    def contact_at(self, tool: Array, contact: Any = None) -> Contact:
         """The given contact of a tick, else the task's with the tool at a (4, 4) pose.
 
         Raises:
             BadInput: not a contact.
         """
-        contact = self.contact if given is None else given
-        if isinstance(contact, Contact):
-            return contact
-        if given is not None:
-            raise BadInput("contact", excerpt(given), "a Contact")
-        contact = self.contact(tool)  # type: ignore[operator]
-        if not isinstance(contact, Contact):
-            raise BadInput("contact", f"a function that gave {excerpt(contact)}", "one that gives a Contact")
-        return contact
+        if contact is not None:
+            return arrays.instance(contact, Contact, "contact", "a Contact")
+        if isinstance(self.contact, Contact):
+            return self.contact
+        found = self.contact(tool)
+        if not isinstance(found, Contact):
+            raise BadInput("contact", f"a function that gave {excerpt(found)}", "one that gives a Contact")
+        return found
 
     def split(self, kind: ContactKind, grip: ArrayLike | None = None) -> Split:
         """P, P* and the admittance for a kind of contact, in its own frame.

@@ -302,7 +302,7 @@ class HybridController:
         status, law_reason, stop = inside.status, inside.reason, ""
         if no_motion(inside) and state.touching and state.time_at_rest > 0.0 and not report.warnings:
             status, law_reason = Status.OK, ""  # compliant drives stand still against their commands as they press
-        reasons = messages.warnings_of(report, self, contact)
+        reasons = messages.warnings_of(report, self._state, self.loop, self.sensor, contact)
         is_beyond = edge <= 0.0 and report.action != messages.HOLD
         if edge < self.task.edge_margin and not (report.fault or is_beyond or report.is_lost):
             reasons.insert(0, f"{written(edge)} before the edge of the surface")

@@ -9,8 +9,9 @@ from invariantqp.errors import written
 from invariantqp.velocity.solution import Status
 
 if TYPE_CHECKING:
+    from invariantqp.control.controller import Controller
     from invariantqp.force.contact_kinds import Contact
-    from invariantqp.force.control import HybridController
+    from invariantqp.force.sensor import WrenchSensor
 
 # Actions, faults and warnings of core/force.hpp, in its order.
 FOLLOW, APPROACH, HOLD, RETREAT = range(4)
@@ -94,59 +95,61 @@ def lost_message(report: Report, airborne: float, on_loss: str) -> str:
     return f"no contact for {written(airborne)} s{what if on_loss != 'continue' else ''}"
 
 
-def warnings_of(report: Report, controller: HybridController, contact: Contact) -> list[str]:
-    """The messages of the warnings of a tick."""
-    loop, sensor, whole = controller.loop, controller.sensor, controller.state
-    state, flags, found = whole.law, report.warnings, []
+def warnings_of(
+    report: Report, whole: Any, loop: Controller, sensor: WrenchSensor | None, contact: Contact
+) -> list[str]:
+    """The messages of the warnings of a tick, from the whole `HybridState` of a controller."""
+    state, flags = whole.law, report.warnings
+    found: list[str] = []
     noise, drift = (0.0, 0.0) if sensor is None else (sensor.noise, sensor.drift)
     off = f"for {written(state.time_off, 2)} s"
 
-    def warn(is_true: Any, message: str) -> None:
+    def add(is_true: Any, message: str) -> None:
         if is_true:
             found.append(message)
 
-    warn(
+    add(
         flags & NOISY,
         f"readings have {written(state.noise, 2)} N of noise, {written(noise, 2)} are declared (noise=)",
     )
-    warn(
+    add(
         flags & OSCILLATES,
         f"the press oscillates about {written(state.desired, 3)} N with a delay of {written(1e3 * report.delay, 2)} ms "
         f"in all; the force gain is lowered to {written(state.gain_scale, 2)}",
     )
-    warn(
+    add(
         flags & NOT_REACHED,
         f"the force is not reached: {written(state.mean, 3)} of {written(state.desired, 3)} N {off}"
         if contact.kind.presses
         else f"force or moment is not reached: {written(100.0 * state.mean, 2)} % of an overload off {off}",
     )
-    warn(flags & UNLOADING, "the readings contradict the displacement: unloading to see whether they fall")
-    warn(
+    add(flags & UNLOADING, "the readings contradict the displacement: unloading to see whether they fall")
+    add(
         flags & UNRESPONSIVE and not flags & UNLOADING,
         f"the force does not respond to the motion: it may be off by {written(state.unexplained_force, 2)} N",
     )
-    warn(flags & TARING, "the sensor reads a press from the start: unloading to tell a contact from a bias")
-    warn(
+    add(flags & TARING, "the sensor reads a press from the start: unloading to tell a contact from a bias")
+    add(
         flags & TARE_IS_OLD,
         f"not tared for {written(state.tare_age, 2)} s: the press may be off by "
         f"{written(drift * state.tare_age, 2)} N (drift=)",
     )
-    warn(
+    add(
         0.0 < report.motion_gain < loop.gain,
         f"commands act {written(1e3 * (state.lag - loop.delay), 3)} ms later than declared: give delay=, the motion's "
         f"gain is {written(report.motion_gain, 3)} instead of {written(loop.gain, 3)} 1/s",
     )
-    warn(
+    add(
         report.gain_scale < 1.0,
         f"{written(max(noise, state.noise), 2)} N of noise would take the joints' acceleration: "
         f"{written(report.gain_scale, 2)} of the force gain is left; give the sensor a lower cutoff=",
     )
-    warn(
+    add(
         report.unreachable > 0.0,
         f"{len(loop.robot.names)} joints cannot move the tool along this contact ({contact.name}): "
         f"{written(100.0 * report.unreachable, 2)} % of the motion presses",
     )
-    warn(
+    add(
         whole.normal_bound > 0.0,
         f"the normal is {written(degrees(whole.normal_bound), 3)} deg off the declared one, the most that "
         "normal_within allows",

@@ -141,7 +141,7 @@ class WrenchSensor(Value):
 
         A sensor without an order gives the moment first.
         """
-        load = self.load_of(np.zeros(6), arrays.pose(tool, "tool"))
+        load = load_of(self, np.zeros(6), arrays.pose(tool, "tool"))
         return ordered(load if self.reads == "reaction" else -load, self.order)
 
     def load(self, reading: Any, tool: ArrayLike) -> Array:
@@ -150,12 +150,7 @@ class WrenchSensor(Value):
         Raises:
             BadInput: numbers without an order, NaN, shapes.
         """
-        return self.load_of(wrench_of(reading, self.order, "reading"), arrays.pose(tool, "tool"))
-
-    def load_of(self, reading: Array, tool: Array) -> Array:
-        """`load` of a checked reading (6,), moment first."""
-        load: Array = law.sensor_load(self.fields(), reading, tool)
-        return load
+        return load_of(self, wrench_of(reading, self.order, "reading"), arrays.pose(tool, "tool"))
 
     def check(self, readings: ArrayLike, poses: ArrayLike) -> SensorCheck:
         """Find order, sign, weight and mount from readings without contact, and compare them with this sensor.
@@ -230,3 +225,9 @@ class WrenchSensor(Value):
             origin=back[:3, :3].dot(self.origin) + back[:3, 3],
             bias=by_name(se3.coadjoint(back, check=False).dot(self.bias)),
         )
+
+
+def load_of(sensor: WrenchSensor, reading: Array, tool: Array) -> Array:
+    """(6,) `WrenchSensor.load` of a checked reading, moment first."""
+    load: Array = law.sensor_load(sensor.fields(), reading, tool)
+    return load

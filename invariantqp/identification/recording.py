@@ -33,7 +33,7 @@ from scipy.special import chdtri
 
 from invariantqp.control.tracking import QUESTIONED_TIME
 from invariantqp.errors import BadInput, excerpt
-from invariantqp.force.sensor import WrenchSensor
+from invariantqp.force.sensor import WrenchSensor, load_of
 from invariantqp.force.wrench import wrench_of
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
@@ -188,7 +188,7 @@ def _wrenches(wrenches: Any, X: Array, exerts: bool, sensor: WrenchSensor | None
     w = np.array([wrench_of(reading, order, f"wrenches[{k}]") for k, reading in enumerate(readings)])
     if sensor is None:
         return w if exerts else -w
-    loads = np.array([sensor.load_of(a, pose) for a, pose in zip(w, X, strict=True)])
+    loads = np.array([load_of(sensor, a, pose) for a, pose in zip(w, X, strict=True)])
     return applied(coadjoint(sensor.mount), loads)
 
 

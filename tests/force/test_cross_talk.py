@@ -9,16 +9,6 @@ from support.spring_plane import DT, PANDA, SO101, Bench, carried, circle, gantr
 import invariantqp as iq
 
 
-@pytest.fixture(scope="module")
-def panda():
-    return iq.load_robot("panda")
-
-
-@pytest.fixture(scope="module")
-def so101():
-    return iq.load_robot("so101")
-
-
 @pytest.mark.parametrize("rule", [{}, {"h": 0.3}, {"metric": np.arange(1.0, 7.0)}])
 def test_neither_part_touches_the_other_in_any_tick(panda, rule):
     """Within the limits a step in force adds nothing along S, one in motion nothing in S*."""

@@ -9,16 +9,6 @@ from support.wrist import wrist
 import invariantqp as iq
 
 
-@pytest.fixture(scope="module")
-def panda():
-    return iq.load_robot("panda")
-
-
-@pytest.fixture(scope="module")
-def so101():
-    return iq.load_robot("so101")
-
-
 def rms_error(solutions, wanted):
     return float(np.sqrt(np.mean([(s.intensities[0] / wanted - 1.0) ** 2 for s in solutions])))
 

@@ -13,11 +13,6 @@ READY = ready("panda")
 TOUCH, AIR, HARD = 5.0, 0.0, 50.0
 
 
-@pytest.fixture(scope="module")
-def panda():
-    return iq.load_robot("panda")
-
-
 def surface(tool):
     return iq.point_contact(tool[:3, 3], [0.0, 0.0, 1.0])
 

@@ -9,11 +9,6 @@ import invariantqp as iq
 DT, STIFFNESS = 0.004, 1e4
 
 
-@pytest.fixture(scope="module")
-def panda():
-    return iq.load_robot("panda")
-
-
 def drawn(robot, degrees, friction, seconds=3.5, **options):
     """How far the normal of each tick is off the true one [deg], force errors [N], and the last solution."""
     random, start, q = np.random.default_rng(0), robot.pose(PANDA), PANDA

@@ -19,16 +19,6 @@ DT = 0.004
 ARMS = {"panda": PANDA, "ur5": ready("ur5"), "xarm7": ready("xarm7"), "so101": SO101}
 
 
-@pytest.fixture(scope="module")
-def panda():
-    return iq.load_robot("panda")
-
-
-@pytest.fixture(scope="module")
-def so101():
-    return iq.load_robot("so101")
-
-
 @pytest.mark.cases(1)
 @pytest.mark.parametrize("arm", ["panda", "so101"])
 def test_frames_of_tool_sensor_and_contact_change_nothing(arm):

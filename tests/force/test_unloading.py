@@ -232,14 +232,6 @@ def test_a_contact_from_the_start_is_tested_once_and_accepted():
     assert {status for status, _ in run.reports[max(asked) + 200 :]} == {"ok"}
 
 
-@pytest.mark.parametrize(("slope", "stiffness"), [(-0.08, 2e3), (0.08, 2e4)])
-def test_a_slope_is_followed(slope, stiffness):
-    run = press_on_damper(stiffness=stiffness, slope=slope, speed=0.03, seconds=6.0)
-    assert run.stopped is None
-    assert run.reports[-1][0] == "ok"
-    assert np.abs(run.press[-250:] - PRESS).max() < 0.15 * PRESS
-
-
 @pytest.mark.cases(1)
 @pytest.mark.parametrize(("stiffness", "share"), [(1e3, 1.9), (1e5, 1.1)])
 def test_a_constant_reading_above_the_desired_press_moves_the_tool_by_millimetres(share, stiffness):

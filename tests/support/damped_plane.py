@@ -14,12 +14,13 @@ SUBSTEP = 5e-4  # [s]
 
 
 class Pressed(NamedTuple):
-    """Of each tick the true press [N], height above the plane [m], status and reason."""
+    """Of each tick the true press [N], height above the plane [m], status and reason; and the controller."""
 
     press: np.ndarray
     height: np.ndarray
     reports: list
     dt: float
+    loop: iq.HybridController
 
     @property
     def stopped(self):
@@ -101,4 +102,4 @@ def press_on_damper(
         left -= reports[-1][0] in ("overload", "fault")
         if left < 0:
             break
-    return Pressed(np.array(presses), np.array(heights), reports, dt)
+    return Pressed(np.array(presses), np.array(heights), reports, dt, loop)
