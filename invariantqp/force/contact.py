@@ -211,11 +211,12 @@ class HybridTask(Value):
         Raises:
             BadInput: not a contact.
         """
+        declared = self.contact if contact is None else contact
+        if isinstance(declared, Contact):
+            return declared
         if contact is not None:
-            return arrays.instance(contact, Contact, "contact", "a Contact")
-        if isinstance(self.contact, Contact):
-            return self.contact
-        found = self.contact(tool)
+            raise BadInput("contact", excerpt(contact), "a Contact")
+        found = declared(tool)
         if not isinstance(found, Contact):
             raise BadInput("contact", f"a function that gave {excerpt(found)}", "one that gives a Contact")
         return found
