@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from support.random_systems import motion
-from support.spring_plane import DT, PANDA, SO101, UP, Bench, carried, circle, gantry, pen, tip
+from support.spring_plane import DT, PANDA, SO101, UP, Bench, carried, circle, force_at, gantry, pen, tip
 from support.wrist import wrist
 
 import invariantqp as iq
@@ -62,22 +62,21 @@ def test_a_tilted_face_lies_down_and_is_wiped_along(panda):
 def test_a_door_is_moved_along_its_screw_and_pushed_no_other_way(panda):
     start = panda.pose(PANDA)
     post = start[:3, 3] + [0.0, 0.6, 0.0]
-    yields = iq.inverse(start)[:3, :3] @ (post - start[:3, 3])  # the hinge does, in the tool frame
-    task = iq.HybridTask(iq.contacts.hinge(post, UP), np.zeros(5), grip=yields)
-    loop, q = iq.HybridController(panda, task, dt=DT, order="moment first"), PANDA.copy()
-    twist = 0.2 * iq.revolute(UP, post)
-    for k in range(500):
-        target = iq.exp(k * DT * twist) @ start
-        reached = panda.pose(q)
-        # The frame of the door holds the tool where the hinge allows it, by a spring to the nearest opened pose.
-        angle = np.arctan2(*(reached[:3, :3] @ start[:3, :3].T)[[1, 0], [0, 0]])
-        off = iq.log(reached @ iq.inverse(iq.exp(angle * iq.revolute(UP, post)) @ start))
+    grip = iq.inverse(start)[:3, :3] @ (post - start[:3, 3])  # the hinge is compliant
+    task = iq.HybridTask(iq.contacts.hinge(post, UP), np.zeros(5), grip=grip)
+    hinge, angles = iq.revolute(UP, post), []
+
+    def world(pose):
+        """The door holds the tool by a spring to the nearest pose that the hinge allows."""
+        angles.append(np.arctan2(*(pose[:3, :3] @ start[:3, :3].T)[[1, 0], [0, 0]]))
+        off = iq.log(pose @ iq.inverse(iq.exp(angles[-1] * hinge) @ start))
         local = iq.adjoint(iq.inverse(task.contact.pose)) @ off
-        force = iq.coadjoint(task.contact.pose) @ (np.array([200, 200, 200, 1e4, 1e4, 1e4]) * local)
-        solution = loop.step(q, target, force, twist)
-        q = q + DT * solution.velocity
-    assert angle == pytest.approx(0.1, abs=1e-3)
-    assert np.abs(solution.intensities).max() < 0.5
+        return iq.coadjoint(task.contact.pose) @ (np.array([200, 200, 200, 1e4, 1e4, 1e4]) * local)
+
+    bench = Bench(panda, PANDA, task, world=world)
+    solutions = bench.run(500, lambda t: (iq.exp(0.2 * t * hinge) @ start, 0.2 * hinge))
+    assert angles[-1] == pytest.approx(0.1, abs=1e-3)
+    assert np.abs(solutions[-1].intensities).max() < 0.5
     with pytest.raises(iq.BadInput, match="a hinge and a retreat"):
         iq.HybridTask(iq.contacts.hinge(post, UP), np.zeros(5), on_overload="retreat")
 
@@ -89,17 +88,14 @@ def test_a_pen_follows_a_sphere(panda):
     def ball(tool):
         return iq.contacts.surface_contact(tool[:3, 3], normal=lambda p: p - centre)
 
-    loop, q, presses = iq.HybridController(panda, pen(contact=ball), dt=DT, order="moment first"), PANDA.copy(), []
-    path = circle(start, 0.05, 2.0)
-    for k in range(1500):
-        p = panda.pose(q)[:3, 3]
-        n = (p - centre) / np.linalg.norm(p - centre)
-        f = -n * 1e4 * max(0.0, radius - np.linalg.norm(p - centre))
-        solution = loop.step(q, path(k * DT)[0], np.concatenate((np.cross(p, f), f)), path(k * DT)[1])
-        q = q + DT * solution.velocity
-        presses.append(solution.intensities[0])
+    def world(tool):
+        away, distance = tool[:3, 3] - centre, np.linalg.norm(tool[:3, 3] - centre)
+        return force_at(tool[:3, 3], -1e4 * max(0.0, radius - distance) * away / distance)
+
+    bench = Bench(panda, PANDA, pen(contact=ball), world=world)
+    presses = [s.intensities[0] for s in bench.run(1500, circle(start, 0.05, 2.0))]
     np.testing.assert_allclose(presses[600:], 5.0, atol=0.25)
-    assert panda.pose(q)[2, 3] < start[2, 3] - 0.005  # it has gone down the side
+    assert panda.pose(bench.q)[2, 3] < start[2, 3] - 0.005  # it has gone down the side
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ motion and force are coupled there: targets that jump along a wall, other gains,
 
 import numpy as np
 import pytest
-from support.spring_plane import UP, tip
+from support.spring_plane import UP, force_at, tip
 
 import invariantqp as iq
 
@@ -86,10 +86,9 @@ def test_targets_that_jump_along_a_wall_do_not_change_the_press(case):
         press = []
         for _ in range(300):
             p = robot.pose(q)[:3, 3]
-            f = STIFFNESS * max(0.0, float(into @ (p - foot))) * into
-            solution = loop.step(q, target, np.concatenate((np.cross(p, f), f)), wanted=[wanted])
+            press.append(STIFFNESS * max(0.0, float(into @ (p - foot))))
+            solution = loop.step(q, target, force_at(p, press[-1] * into), wanted=[wanted])
             q = q + DT * solution.velocity
-            press.append(float(into @ f))
         # Half a metre at once, and the press is off by a quarter at most while the joints are as fast as they can.
         assert max(press) < 1.25 * max(wanted, before)
         assert press[-1] == pytest.approx(wanted, rel=5e-3)
