@@ -283,7 +283,7 @@ bool update_tare(State& st, const Settings& s, const Inputs& in, const ContactTe
         if (!touches && tare.max_force - force < tolerance)  // noise about the limit
             tare.time = tare.unloaded = 0;
         else if (tare.max_force - force > std::max(tolerance, 4 * noise) || !touches) {
-            tare.is_done = tare.in_contact = true, tare.time = tare.unloaded = 0;  // readings fall: it is a contact
+            tare.is_done = true, tare.time = tare.unloaded = 0;  // readings fall: it is a contact
             return false;
         }
     }

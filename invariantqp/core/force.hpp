@@ -138,8 +138,7 @@ struct ConsistencyCheck {
     double surface_motion = 0;               // how far the surface is known to move
     UnloadingTest unloading;
     void start_unloading(double force, const Settings& s, bool is_static);
-    // Forgets all but the motion of the surface.
-    void restart(double force, const Slope& slope, double motion);
+    void restart(double force, const Slope& slope, double motion);  // forgets all but the motion of the surface
 };
 // The deepest place of the last second at which contact was felt, as measured and as commanded. Readings that then fall may be
 // those of the air or of a faulty sensor, so the tool goes at most half a press deeper. The place moves along with the slope
@@ -173,9 +172,9 @@ struct Constraint {
 
 struct Tare {
     std::array<double, 6> bias{}, sum{};  // sum: integral of the load
-    bool is_done = false, in_contact = false;  // in contact: from the start, so that there is no bias
-    double time = 0, age = 0;                  // [s] of the mean, since the last one
-    double unloaded = 0, max_force = 0;        // distance of a press that is unloaded to tell a contact from a bias
+    bool is_done = false;
+    double time = 0, age = 0;            // [s] of the mean, since the last one
+    double unloaded = 0, max_force = 0;  // distance of a press that is unloaded to tell a contact from a bias
 };
 struct NoiseEstimate {
     double count = 0, change = 0, sigma = 0;  // mean change of a reading; 0: not more than declared
@@ -218,16 +217,13 @@ struct State {
     bool law_is_free = true;             // no limit changed the last command
     double pushed = 0, approached = 0, pending_outwards = 0, outwards = 0;
 
-    // Whether every press is felt, after a tick.
-    bool touching() const
+    bool touching() const  // in all presses
     {
-        const auto felt = [](const Constraint& c) { return c.contact.touching; };
-        return presses >= 0 && std::all_of(parts.begin(), parts.begin() + presses, felt);
+        return presses >= 0 && std::all_of(parts.begin(), parts.begin() + presses, [](const Constraint& c) { return c.contact.touching; });
     }
     bool is_unresponsive() const
     {
-        const auto one = [](const Constraint& c) { return c.check.is_unresponsive; };
-        return std::any_of(parts.begin(), parts.begin() + std::max(presses, 0), one);
+        return std::any_of(parts.begin(), parts.begin() + std::max(presses, 0), [](const Constraint& c) { return c.check.is_unresponsive; });
     }
 };
 
