@@ -317,11 +317,7 @@ def _constraints(contact: Contact | Callable[[Array], Contact]) -> int:
 
 
 def _force_limit(limit: float, desired: Array, contact: Contact | Callable[[Array], Contact]) -> float:
-    """A checked largest force.
-
-    Raises:
-        BadInput: the desired force alone reaches it.
-    """
+    """A checked largest force; BadInput if the desired force alone reaches it."""
     largest = _limit(limit, "max_force")
     if len(desired) == 6:
         force = se3.norm(desired[3:])
@@ -339,27 +335,16 @@ def _limit(value: float, argument: str) -> float:
 
 
 class Split(NamedTuple):
-    """The projectors of a task for one kind of contact, in the contact's own frame; n = 6-k constraints.
-
-    Attributes:
-        kind: of contact.
-        projectors: P and P*.
-        intensities: (n, 6), from a wrench to its parts in the constraints.
-        unit_parts: (n, 6), from a wrench to its unit parts.
-        unit_rates: (n, 6), from a twist to its unit rates.
-        twist: (6, n) from unit rates to the twist along Z that has them.
-        compliance: a declared one, from unit parts to unit rates [length/s/force], else 0.
-        wrench: (6,) the task's own W_d.
-    """
+    """The projectors of a task for one kind of contact, in the contact's own frame; n = 6-k constraints."""
 
     kind: ContactKind
-    projectors: DualProjectors
-    intensities: Array
-    unit_parts: Array
-    unit_rates: Array
-    twist: Array
-    compliance: float
-    wrench: Array = np.zeros(6)
+    projectors: DualProjectors  # P and P*
+    intensities: Array  # (n, 6) from a wrench to its parts in the constraints
+    unit_parts: Array  # (n, 6) from a wrench to its unit parts
+    unit_rates: Array  # (n, 6) from a twist to its unit rates
+    twist: Array  # (6, n) from unit rates to the twist along Z that has them
+    compliance: float  # a declared one, from unit parts to unit rates [length/s/force], else 0
+    wrench: Array = np.zeros(6)  # (6,) the task's own W_d
 
     def fields(self) -> dict[str, Any]:
         """The split as the engine takes it."""
@@ -393,11 +378,7 @@ class Split(NamedTuple):
 
 
 def compliance_of(value: ArrayLike, size: float) -> Array:
-    """(6, 6) C from one number, six or a matrix.
-
-    Raises:
-        BadInput: something else.
-    """
+    """(6, 6) C from one number, six or a matrix."""
     c = arrays.array(value, "compliance", "a number, 6 numbers or a (6, 6) matrix")
     if c.ndim == 0:
         one = arrays.number(float(c), "compliance", "a speed per newton", positive=True)
@@ -406,19 +387,10 @@ def compliance_of(value: ArrayLike, size: float) -> Array:
 
 
 class SplitCache:
-    """The last split of one task.
-
-    Attributes:
-        task: whose split it is.
-        in_engine: the split as the engine takes it.
-    """
+    """The last split of a task, and `in_engine`, the same as the engine takes it."""
 
     def __init__(self, task: HybridTask, kind: ContactKind) -> None:
-        """Of a task and the kind of its first contact.
-
-        Raises:
-            BadInput, NoProjectors: the task does not fit this contact.
-        """
+        """Of the kind of its first contact."""
         self.task = task
         self._grip: Array | None = None  # of the split
         self._keep(task.split(kind))
@@ -427,11 +399,7 @@ class SplitCache:
         return SplitCache, (self.task, self._split.kind)
 
     def at(self, contact: Contact, tool: Array) -> Split:
-        """The split for a contact with the tool at a (4, 4) pose.
-
-        Raises:
-            BadInput, NoProjectors: the task does not fit this contact.
-        """
+        """The split for a contact with the tool at a (4, 4) pose; raises as `HybridTask.split`."""
         task, kind, split = self.task, contact.kind, self._split
         if task.compliance is None and kind.presses == 0:
             grip = se3.inverse(contact.pose, check=False).dot(tool.dot([*task.grip, 1.0]))[:3]

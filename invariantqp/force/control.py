@@ -98,11 +98,8 @@ class HybridController:
     Attributes:
         task: the contact and the wrench to exert.
         loop: the controller that follows the twist of each tick within the limits.
-        sensor: turns readings into wrenches; None if `step` is given wrenches in the base frame.
-        order: of plain numbers without a sensor.
+        sensor, order, force_first: as the arguments.
         splits: the split of the task for the contact of a tick.
-        force_first: whether the force part of the twist is exact, so that limits slow the motion down before they
-            change the force.
     """
 
     def __init__(
@@ -126,8 +123,8 @@ class HybridController:
             sensor: turns readings into wrenches; None takes the readings of `step` as the wrench that the tool exerts,
                 in the base frame, without noise.
             order: without a sensor, of plain (6,) numbers: "moment first" or "force first"; None refuses them.
-            force_first: whether W'J x = W's are exact rows, W the constraints of the contact. They matter only if the
-                arm cannot follow all of s: at limits, near singularities, with fewer than six joints.
+            force_first: whether W'J x = W's are exact rows, W the constraints of the contact, so that limits slow the
+                motion down before they change the force. They matter only if the arm cannot follow all of s.
             tare: whether the mean of the readings before the first contact is a bias. A press that is read from the
                 start is first unloaded, to tell a contact from a bias.
             options: as in `Controller`: gain, form, damping, exact, acceleration_limit, tool_speed, ... Without

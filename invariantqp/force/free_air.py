@@ -29,25 +29,15 @@ LEVER = 0.05
 
 
 class FreeAir(NamedTuple):
-    """A sensor that explains readings without contact.
-
-    Attributes:
-        order: "moment first" or "force first".
-        reads: "reaction" or "action".
-        mass: of everything beyond the sensor [kg].
-        centre: (3,) of it in the sensor's frame [length].
-        bias: (6,) (m; f) of the unloaded sensor.
-        turn: angle between the sensor's frame and the declared mount [rad].
-        unexplained: shares of the variation of forces and moments.
-    """
+    """A sensor that explains readings without contact, as `WrenchSensor` declares it."""
 
     order: Order
     reads: Literal["reaction", "action"]
     mass: float
     centre: Array
     bias: Array
-    turn: float
-    unexplained: tuple[float, float]
+    turn: float  # angle between the sensor's frame and the declared mount [rad]
+    unexplained: tuple[float, float]  # shares of the variation of forces and moments
 
     def differences(self, order: str | None, reads: str, mass: float) -> list[str]:
         """The differences from the declared sensor, in words."""

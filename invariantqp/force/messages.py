@@ -27,29 +27,17 @@ NO_RESPONSE_CAUSES = (
 
 
 class Report(NamedTuple):
-    """The report of the engine about a tick; by default without a fault and a warning.
-
-    Attributes:
-        action: FOLLOW, APPROACH, HOLD or RETREAT.
-        fault: one of the above.
-        is_lost: whether there is no contact.
-        warnings: flags.
-        delay: of the whole loop [s].
-        desired: first unit part of the desired wrench [force].
-        gain_scale: of the force gain, below 1 for noise.
-        unreachable: share of the motion along the contact that presses.
-        motion_gain: if it was lowered [1/s].
-    """
+    """The report of the engine about a tick; by default without a fault and a warning."""
 
     action: int = FOLLOW
     fault: int = NONE
     is_lost: bool = False
-    warnings: int = 0
-    delay: float = 0.0
-    desired: float = 0.0
-    gain_scale: float = 1.0
-    unreachable: float = 0.0
-    motion_gain: float = 0.0
+    warnings: int = 0  # flags
+    delay: float = 0.0  # of the whole loop [s]
+    desired: float = 0.0  # first unit part of the desired wrench [force]
+    gain_scale: float = 1.0  # of the force gain, below 1 for noise
+    unreachable: float = 0.0  # share of the motion along the contact that presses
+    motion_gain: float = 0.0  # [1/s]
 
 
 def fault_message(report: Report, state: Any) -> str:

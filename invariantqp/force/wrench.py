@@ -24,12 +24,7 @@ FORCE_NAMES = ("force", "linear")
 
 @frozen(init=False, eq=False, repr=False, slots=False)
 class Wrench(Value):
-    """A moment about the origin of a frame and a force.
-
-    Attributes:
-        moment: (3,) [N length].
-        force: (3,) [N].
-    """
+    """A moment (3,) about the origin of a frame [N length] and a force (3,) [N]."""
 
     moment: Array = field(converter=own)
     force: Array = field(converter=own)
@@ -50,14 +45,8 @@ class Wrench(Value):
 def wrench_of(reading: Any, order: str | None, argument: str) -> Array:
     """(6,) moment first, from a reading whose parts have names, or six numbers in a declared order.
 
-    Args:
-        reading: a `Wrench`, a `pinocchio.Force`, a `geometry_msgs/Wrench` or an object with one in `.wrench`, a mapping
-            with the same names, or (6,) numbers.
-        order: of plain numbers; None refuses them.
-        argument: the name of the argument in errors.
-
-    Raises:
-        BadInput: numbers without an order, NaN, shapes.
+    Named are a `Wrench`, a `pinocchio.Force`, a `geometry_msgs/Wrench`, an object with one in `.wrench`, and a mapping
+    with the same names. BadInput names the argument.
     """
     if are_numbers(reading):
         numbers = arrays.vector(reading, 6, argument)
@@ -93,15 +82,9 @@ def by_name(wrench: Array) -> Wrench:
 
 
 def desired_wrench_of(wrench: Any, constraints: Callable[[], int], argument: str = "wrench") -> Array:
-    """(6,) moment first of a `Wrench` or a named reading, or (n,) parts in the constraints of a contact.
+    """(6,) moment first of a named reading, or (n,) parts in the constraints of a contact.
 
-    Args:
-        wrench: as above; six numbers are the parts for a contact with six constraints.
-        constraints: returns the number of constraints; called for six numbers.
-        argument: the name of the argument in errors.
-
-    Raises:
-        BadInput: NaN, shapes; six numbers, not all zero, for a contact with fewer constraints.
+    Six numbers, if not all zero, need a contact with six `constraints`, which are asked for then.
     """
     if isinstance(wrench, Real):
         raise BadInput(argument, excerpt(wrench), "a list, one number a constraint of the contact, such as [5.0]")
