@@ -38,8 +38,8 @@ if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.force.contact import HybridTask as HybridTask
     from invariantqp.force.contact_kinds import point_contact as point_contact
     from invariantqp.force.control import HybridController as HybridController
-    from invariantqp.force.sensor import Wrench as Wrench
     from invariantqp.force.sensor import WrenchSensor as WrenchSensor
+    from invariantqp.force.wrench import Wrench as Wrench
     from invariantqp.geometry.forms import pitch_form as pitch_form
     from invariantqp.geometry.forms import pitch_form_inverse as pitch_form_inverse
     from invariantqp.geometry.screws import revolute as revolute

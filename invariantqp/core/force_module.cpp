@@ -1,4 +1,4 @@
-// The force law and the tick of a tool in contact, for Python: force_gains, force_margins, ContactSplit, Hybrid, HybridState.
+// The force law and the tick of a tool in contact, for Python: force_gains, ContactSplit, Hybrid, HybridState.
 #include "hybrid.hpp"
 #include "loop_module.hpp"
 #include <nanobind/stl/tuple.h>
@@ -15,13 +15,8 @@ std::tuple<double, double, double> gains_of(double k, double b, double late)
     const force::Gains law = force::gains(k, b, late);
     return {law.g, law.tau, law.Ti};
 }
-std::tuple<double, double, double> margins_of(double g, double tau, double Ti, double k, double b, double late)
-{
-    const force::Margins found = force::margins({g, tau, Ti}, k, b, late);
-    return {found.gain, found.phase, found.sensitivity};
-}
 
-force::Settings press_of(const Fields& f)
+force::Settings law_of(const Fields& f)
 {
     const auto get = [&](const char* name) { return nb::cast<double>(f[name]); };
     force::Settings s{};
@@ -29,7 +24,7 @@ force::Settings press_of(const Fields& f)
     s.size = get("size"), s.slope = get("slope"), s.yields = get("yields"), s.stiffness = get("stiffness");
     s.lost_below = get("lost_below"), s.lost_after = get("lost_after"), s.approach_speed = get("approach_speed");
     s.approach_distance = get("approach_distance"), s.approach_time = get("approach_time"), s.retreat_distance = get("retreat_distance");
-    s.drift = get("drift"), s.on_loss = static_cast<force::Loss>(static_cast<int>(get("on_loss")));
+    s.drift = get("drift"), s.on_loss = static_cast<force::OnLoss>(static_cast<int>(get("on_loss")));
     s.tares = nb::cast<bool>(f["tares"]), s.fault_retreats = nb::cast<bool>(f["fault_retreats"]);
     return s;
 }
@@ -39,9 +34,26 @@ WrenchSensor sensor_of(nb::dict given, Reader& read)
     WrenchSensor s;
     s.mount = f.pose("mount"), s.mass = f.number("mass", 0, 1e300);
     s.centre = f.point("centre"), s.gravity = f.point("gravity"), s.origin = f.point("origin");
-    s.bias = f.numbers("bias"), s.reaction = f.word("reads") == "reaction";
+    const std::vector<double> bias = f.numbers("bias");
+    std::copy(bias.begin(), bias.end(), s.bias.begin());
+    s.is_reaction = f.word("reads") == "reaction";
     s.force_deadband = f.number("force_deadband", 0, 1e300), s.moment_deadband = f.number("moment_deadband", 0, 1e300);
     return s;
+}
+nb::object sensor_load(nb::dict sensor, nb::handle reading, nb::handle tool)
+{
+    Workspace& w = workspace();
+    const Workspace::Frame frame(w);
+    Reader read(w);
+    const WrenchSensor s = sensor_of(sensor, read);
+    return array_of(vec(s.load(six(read.vector(reading, "reading", 6)), read_pose(tool, "tool", read).R * s.mount.R), w));
+}
+nb::object sensor_deadband(nb::dict sensor, nb::handle wrench)
+{
+    Workspace& w = workspace();
+    const Workspace::Frame frame(w);
+    Reader read(w);
+    return array_of(vec(sensor_of(sensor, read).deadband(six(read.vector(wrench, "wrench", 6))), w));
 }
 void make_hybrid(Hybrid* made, nb::dict given)
 {
@@ -50,7 +62,7 @@ void make_hybrid(Hybrid* made, nb::dict given)
     Reader read(w);
     const Fields f(given, read, 6);
     HybridSettings set;
-    set.press = press_of(f);
+    set.law = law_of(f);
     if (f.has("sensor"))
         set.sensor = sensor_of(nb::cast<nb::dict>(f["sensor"]), read);
     set.grip = f.point("grip"), set.slide_speed = f.number("slide_speed", 0, INFINITY), set.retreat_speed = f.number("retreat_speed", 0, 1e300);
@@ -76,8 +88,7 @@ void make_split(ContactSplit* made, nb::dict given)
     s.intensities = f.matrix("intensities", s.n, 6), s.unit_parts = f.matrix("unit_parts", s.n, 6);
     s.unit_rates = f.matrix("unit_rates", s.n, 6), s.twist = f.matrix("twist", 6, s.n);
     s.out = f.numbers("out", 6), s.wrench = f.numbers("wrench"), s.origin = f.point("origin");
-    const std::vector<double> load = f.numbers("load", 2);
-    s.load[0] = load[0], s.load[1] = load[1], s.compliance = f.number("compliance", 0, 1e300);
+    s.compliance = f.number("compliance", 0, 1e300);
     new (made) ContactSplit(s);
 }
 
@@ -113,18 +124,18 @@ nb::object frame_of(nb::handle point, nb::handle normal, nb::handle tangent)
     return matrix_or_none(T);
 }
 
-// What there is to say beside what the loop says; None for nothing.
-nb::object doubts_of(const HybridTick& tick)
+// The report beside the loop's; None if there is none.
+nb::object report_of(const HybridTick& tick)
 {
-    if (!tick.reports)
+    if (!tick.has_report)
         return nb::none();
-    const force::Output& press = tick.press;
-    return nb::make_tuple(static_cast<int>(press.action), static_cast<int>(press.reason), press.lost, press.doubts, press.late, tick.desired,
-                          tick.lowered, tick.unreachable, tick.motion_gain);
+    const force::Output& law = tick.law;
+    return nb::make_tuple(static_cast<int>(law.action), static_cast<int>(law.fault), law.lost, law.warnings, law.delay, tick.desired,
+                          tick.reported_scale, tick.unreachable, tick.motion_gain);
 }
 Vec optional(nb::handle value, const char* name, int n, Reader& read) { return value.is_none() ? Vec() : read.vector(value, name, n); }
 
-// The loop's solution, joint twists, and the rest, which is None where joint positions cannot be true; or an angle [rad].
+// The loop's solution, joint twists, and the rest, None if joint positions cannot be true; or the angle of a normal that turned [rad].
 nb::object tick_of(const Hybrid& hybrid, HybridState& state, const Loop& loop, LoopState& joints, const ContactSplit& split, nb::handle contact,
                    double edge, nb::handle q, nb::handle target, nb::handle reading, bool force_first, nb::handle feedforward, nb::handle velocity,
                    nb::handle wrench, nb::handle posture, nb::handle functions)
@@ -140,20 +151,20 @@ nb::object tick_of(const Hybrid& hybrid, HybridState& state, const Loop& loop, L
     in.velocity = optional(velocity, "velocity", m, read), in.target = read_pose(target, "target", read);
     in.feedforward = optional(feedforward, "feedforward", 6, read), in.wrench = optional(wrench, "wanted", 6, read);
     in.posture = optional(posture, "posture", m, read), in.contact = Pose(read.matrix(contact, "contact", 4, 4).p), in.edge = edge;
-    const LoopFunctions asked = loop_functions(functions, read, m, w);
+    const LoopFunctions calls = loop_functions(functions, read, m, w);
     try {
-        asked.begin(in.q);
-        const HybridTick tick = hybrid.tick(state, loop, joints, split, in, asked, w);
-        if (tick.turned > 0)
-            return nb::float_(tick.turned);
-        const nb::object found = loop_solution(tick.found, asked, !functions.is_none()), J = matrix_or_none(tick.J);
-        if (!tick.believed)
+        calls.begin(in.q);
+        const HybridTick tick = hybrid.tick(state, loop, joints, split, in, calls, w);
+        if (tick.normal_turned > 0)
+            return nb::float_(tick.normal_turned);
+        const nb::object found = loop_solution(tick.loop, calls, !functions.is_none()), J = matrix_or_none(tick.J);
+        if (!tick.is_plausible)
             return nb::make_tuple(found, J, nb::none(), nb::none(), nb::none());
         const Mat pose(w, 4, 4);
         tick.contact.write(pose.p);
         return nb::make_tuple(found, J, nb::make_tuple(array_of(tick.motion), array_of(tick.force), array_of(tick.wrench), array_of(tick.error),
-                              array_of(tick.intensities), array_of(tick.wanted)),
-                              hybrid.settings.normal_within > 0 ? matrix_or_none(pose) : nb::none(), doubts_of(tick));
+                              array_of(tick.intensities), array_of(tick.W_d)),
+                              hybrid.settings.normal_within > 0 ? matrix_or_none(pose) : nb::none(), report_of(tick));
     } catch (const FarTarget&) {
         refuse("target is too far away");
     } catch (const NoProjector&) {
@@ -167,40 +178,35 @@ nb::object tick_of(const Hybrid& hybrid, HybridState& state, const Loop& loop, L
 void bind_force(nb::module_& m)
 {
     m.def("force_gains", gains_of, "k"_a, "b"_a, "late"_a, "g, tau, Ti of the force law.");
-    m.def("force_margins", margins_of, "g"_a, "tau"_a, "Ti"_a, "k"_a, "b"_a, "late"_a,
-          "Gain margin, phase margin [rad], largest sensitivity.");
+    m.def("sensor_load", sensor_load, "sensor"_a, "reading"_a, "tool"_a, "(6,) the wrench that the tool exerts, in the sensor's frame.");
+    m.def("sensor_deadband", sensor_deadband, "sensor"_a, "wrench"_a, "(6,) a wrench in the sensor's frame after the deadbands.");
     m.def("contact_frame", frame_of, "point"_a.none(), "normal"_a.none(), "tangent"_a.none(),
           "(4, 4) z against the outward normal, x along the projection of a tangent on the surface.");
-    nb::class_<State>(m, "ForceState", "What touch, estimate, law and monitor of a press remember between two ticks.")
-        .def_ro("tared", &State::tared, "Whether the bias was read in the air.")
-        .def_ro("in_contact", &State::in_contact, "Whether the tool was in contact at the start.")
-        .def_ro("age", &State::age, "Time since the bias was read [s].")
-        .def_ro("noise", &State::noise, "Of a force component, where more than declared, else 0 [force].")
-        .def_ro("lag", &State::lag, "Of the arm, NaN before it is measured [s].")
-        .def_ro("along", &State::along, "Speed along the contact, the highest of the last time [length/s].")
-        .def_ro("still", &State::still, "For how long it has not been moved along the contact [s].")
-        .def_ro("eased", &State::eased, "Share of the gain, less than 1 after swings.")
-        .def_ro("mean", &State::mean, "Of the press, or of what is missing as a share of an overload.")
-        .def_ro("missed", &State::missed, "For how long the force has been off [s].")
-        .def_ro("wanted", &State::wanted, "Press that was wanted last [force].")
-        .def_ro("left", &State::left, "Way of a retreat until now [length].")
-        .def_ro("away", &State::away, "Way of a retreat [length].")
-        .def_ro("waited", &State::waited, "For how long contact has been looked for [s].")
+    const auto get = [](auto part, auto field) { return [=](const State& s) { return s.*part.*field; }; };
+    nb::class_<State>(m, "ForceState", "What the force law and its monitor remember between two ticks.")
+        .def_prop_ro("tare_age", get(&State::tare, &force::Tare::age), "Time since the bias was measured [s].")
+        .def_prop_ro("noise", get(&State::noise, &force::NoiseEstimate::sigma), "Measured standard deviation of a force component, 0 if not above the declared one [force].")
+        .def_prop_ro("lag", get(&State::arm, &force::LagEstimate::lag), "Measured lag of the joints, NaN before it is known [s].")
+        .def_ro("time_at_rest", &State::time_at_rest, "Time since the last motion along the contact [s].")
+        .def_prop_ro("gain_scale", get(&State::oscillation, &force::OscillationMonitor::gain_scale), "Of the force gain, below 1 after an oscillation.")
+        .def_prop_ro("mean", get(&State::oscillation, &force::OscillationMonitor::mean), "Of the press, or of the missing load as a share of an overload.")
+        .def_prop_ro("time_off", get(&State::oscillation, &force::OscillationMonitor::time_off), "Time since the mean was within the tolerance [s].")
+        .def_prop_ro("desired", get(&State::oscillation, &force::OscillationMonitor::desired), "Desired press of the last tick [force].")
         .def_prop_ro("airborne", [](const State& s) {
             double most = 0;
             for (int i = 0; i < s.presses; i++)
-                most = std::max(most, s.parts[i].touch.airborne);
+                most = std::max(most, s.parts[i].contact.airborne);
             return most;
-        }, "For how long contact has not been certain [s].")
+        }, "Time since contact was certain [s].")
         .def_prop_ro("touching", &State::touching, "Whether every press is felt.")
-        .def_prop_ro("unexplained", [](const State& s) { return s.parts[0].check.unexplained; }, "Force that the way should have changed.")
-        .def_prop_ro("numbers", [](const State& s) { return nb::make_tuple(s.numbers[0], s.numbers[1], s.numbers[2], s.numbers[3]); },
-                     "Of what was found.")
-        .def("stiffness", [](const State& s, int i) { return s.parts[std::clamp(i, 0, 5)].response.known(); }, "i"_a = 0)
+        .def_prop_ro("unexplained_force", [](const State& s) { return s.parts[0].check.unexplained_force; }, "Force that the displacement should have changed.")
+        .def_prop_ro("numbers", [](const State& s) { return nb::make_tuple(s.stop.numbers[0], s.stop.numbers[1], s.stop.numbers[2], s.stop.numbers[3]); },
+                     "Of the fault's message.")
+        .def("stiffness", [](const State& s, int i) { return s.parts[std::clamp(i, 0, 5)].estimate.known(); }, "i"_a = 0)
         .def("bounds", [](const State& s, int i) {
-            const force::Response& r = s.parts[std::clamp(i, 0, 5)].response;
-            return nb::make_tuple(r.bound, r.damping(), static_cast<double>(r.best), r.least());
-        }, "i"_a = 0, "Upper bounds of stiffness and damping, which way explains the force, a lower bound of stiffness.");
+            const force::StiffnessEstimate& e = s.parts[std::clamp(i, 0, 5)].estimate;
+            return nb::make_tuple(e.bound, e.damping(), static_cast<double>(e.best), e.lower());
+        }, "i"_a = 0, "Upper bounds of stiffness and damping, index of the displacement that explains the force, lower bound of stiffness.");
     nb::class_<HybridState>(m, "HybridState", "What a tool in contact remembers between two ticks; a value.")
         .def(nb::init<>())
         .def("__copy__", [](const HybridState& s) { return HybridState(s); })
@@ -212,11 +218,11 @@ void bind_force(nb::module_& m)
             new (&s) HybridState();
             std::memcpy(static_cast<void*>(&s), std::get<0>(given).c_str(), sizeof s);
         })
-        .def_ro("press", &HybridState::press)
-        .def_ro("room", &HybridState::room, "Share of the joints' acceleration that noise in the force leaves to the motion.")
+        .def_ro("law", &HybridState::law)
+        .def_ro("acceleration_share", &HybridState::acceleration_share, "Of the joints, that noise of the force leaves to the motion.")
         .def_ro("gain", &HybridState::gain, "Largest of the force law [length/s per force].")
-        .def_ro("at_once", &HybridState::at_once, "Whether what stopped the tool was there when it was first read.")
-        .def_prop_ro("normal_bound", [](const HybridState& s) { return s.normal.bound; }, "That holds the estimated normal back [rad], else 0.");
+        .def_ro("fault_in_air", &HybridState::fault_in_air, "Whether the fault was there before the first contact.")
+        .def_prop_ro("normal_bound", [](const HybridState& s) { return s.normal.bound; }, "That limits the estimated normal [rad], else 0.");
     nb::class_<ContactSplit>(m, "ContactSplit", "The split of a kind of contact.").def("__init__", make_split, "fields"_a);
     nb::class_<Hybrid>(m, "Hybrid", "The tick of a tool in contact; its settings never change.")
         .def("__init__", make_hybrid, "settings"_a)

@@ -11,7 +11,7 @@
 
 namespace iq {
 
-// What a task needs of one kind of contact with n constraints, in the frame of the contact.
+// The projectors of a task for one kind of contact with n constraints, in the frame of the contact.
 struct ContactSplit {
     int n = 0, presses = 0;
     std::vector<double> motion, force;  // (6, 6) P and P*
@@ -20,29 +20,47 @@ struct ContactSplit {
     std::vector<double> unit_parts;     // (n, 6) from a wrench to its unit parts
     std::vector<double> unit_rates;     // (n, 6) from a twist to its unit rates
     std::vector<double> twist;          // (6, n) from unit rates to the twist in Z
-    std::vector<double> out;            // (6,) unit twist that leaves the contact; empty where none does
+    std::vector<double> out;            // (6,) unit twist that leaves the contact; empty if none does
     std::vector<double> wrench;         // (6,) that the task exerts
-    double load[2] = {0, 0};            // its force, and its moment about the place of contact
     Vec3 origin{};                      // the place of contact
-    double compliance = 0;              // [length/s per force] where the task declares it
+    double compliance = 0;              // [length/s per force], 0 if not declared
 };
+
+using Six = std::array<double, 6>;
+inline Six six(Vec v)
+{
+    Six found;
+    std::copy(v.begin(), v.end(), found.begin());
+    return found;
+}
+inline Vec vec(const Six& a, Workspace& w)
+{
+    Vec v(w, 6);
+    std::copy(a.begin(), a.end(), v.p);
+    return v;
+}
 
 struct WrenchSensor {
     Pose mount;  // of its frame in the tool frame
     double mass = 0;
     Vec3 centre{}, gravity{}, origin{};  // gravity in the base frame; the moment deadband is about the origin
-    std::vector<double> bias;            // (6,)
-    bool reaction = true;
+    Six bias{};
+    bool is_reaction = true;
     double force_deadband = 0, moment_deadband = 0;
+
+    // The wrench that the tool exerts, in the sensor's frame, which is turned by R in the base: the reading without bias and weight.
+    Six load(const Six& reading, const Mat3& R) const;
+    // Force and moment shortened by the deadbands.
+    Six deadband(const Six& wrench) const;
 };
 
 struct HybridSettings {
-    force::Settings press;
+    force::Settings law;
     std::optional<WrenchSensor> sensor;
     Vec3 grip{};                                         // in the tool frame
     double slide_speed = INFINITY, retreat_speed = 0;    // [length/s]
-    double normal_within = 0, edge_margin = 0;           // [rad], 0 where the normal is trusted; [length]
-    double max_force = NAN, max_moment = NAN;            // NaN where they follow from the desired wrench
+    double normal_within = 0, edge_margin = 0;           // [rad], 0: no correction; [length]
+    double max_force = NAN, max_moment = NAN;            // NaN: from the desired wrench
     bool force_first = true, measured_at_contact = true;
 };
 
@@ -53,31 +71,31 @@ struct HybridSettings {
 //
 // n0 is the declared normal. A tilt across the displacements is not observable and stays as declared. The direction of the
 // force is not used: friction turns it. Displacements are cut into pieces of a STEP along the surface, and the last MEMORY of
-// them count, so that ticks at rest forget nothing. Reference: Yoshikawa & Sudou 1993, who estimate a surface likewise.
+// them count, so that nothing is forgotten at rest. Reference: Yoshikawa & Sudou 1993.
 struct NormalEstimate {
     Vec3 tilt{};         // t, not longer than the bound allows
     Vec3 displacement{};  // of this piece [length]
     double press = NAN;  // at its start
     Mat3 squares{};      // sum of w w'
     Vec3 rises{};        // sum of w (n0 . w + change / k)
-    double bound = 0;    // that holds t back [rad]; 0 where none does
+    double bound = 0;    // that limits t [rad], else 0
 };
 
 // A value: trivially copyable, pickled as its bytes.
 struct HybridState {
-    force::State press;
-    bool began = false;      // whether there was a tick
+    force::State law;
+    bool has_ticked = false;
     Pose tool;               // in the last tick
-    bool touches = false;
-    Vec3 out{};              // the way out in the last tick, where it touches
-    std::array<double, 6> motion{};  // along the contact in the last tick
+    bool was_touching = false;
+    Vec3 outward{};          // the outward direction in the last tick, while it touches
+    Six motion{};            // along the contact in the last tick
     NormalEstimate normal;
-    bool beyond_edge = false;
-    Vec3 left{};             // where the surface was left beyond its edge,
-    double lift = 0;         // and how far the tool was moved outwards since
+    bool is_beyond_edge = false;
+    Vec3 edge_point{};       // where the tool left the surface,
+    double lift = 0;         // and how far it moved outwards since
     double gain = 0;         // largest of the force law [length/s per force]
-    double room = 1;         // share of the joints' acceleration that noise leaves to the motion
-    bool at_once = false;    // whether what stopped the tool was there when it was first read
+    double acceleration_share = 1;  // of the joints, that noise leaves to the motion
+    bool fault_in_air = false;      // whether the fault was there before the first contact
 };
 
 struct HybridInputs {
@@ -91,29 +109,28 @@ struct HybridInputs {
 };
 
 struct HybridTick {
-    LoopReport found;
+    LoopReport loop;
     Mat J;
-    bool believed = true;      // whether the joint positions can be true; nothing below is known where not
-    double turned = 0;         // by how much a normal turned since the last tick, where that is more than a right angle [rad]
+    bool is_plausible = true;  // whether the joint positions can be true; otherwise nothing below is known
+    double normal_turned = 0;  // by how much the normal turned since the last tick, if by more than a right angle [rad]
     Pose contact;              // with the estimated normal
     Vec motion, force;         // (6,) twists
-    Vec wrench, error, wanted; // (6,) measured, P*(W_d - W), desired
+    Vec wrench, error, W_d;    // (6,) measured, P*(W_d - W), desired
     Vec intensities;           // (n,) parts of the measured wrench in the constraints
-    force::Output press;
+    force::Output law;
     double desired = 0;        // the first unit part of the desired wrench
     double gain_scale = 1;     // of the force gain, lowered for noise,
-    double lowered = 1;        // and the same where it is so low that it is reported, else 1
+    double reported_scale = 1; // and the same if it is low enough to be reported, else 1
     double unreachable = 0;    // share of the motion that fewer than six joints turn into a press
     double motion_gain = 0;    // [1/s]
-    bool reports = false;      // whether there is more to say than the loop does
+    bool has_report = false;   // whether there is more to report than the loop reports
 };
 
 class Hybrid {
   public:
     HybridSettings settings;
 
-    // One tick; both states are those of the next tick. Throws as Loop::tick does; the states are then as they were. Where
-    // `turned` is set, nothing was computed.
+    // One tick; updates both states. Throws as Loop::tick does, with the states unchanged. With `normal_turned` nothing was computed.
     HybridTick tick(HybridState& state, const Loop& loop, LoopState& joints, const ContactSplit& split, const HybridInputs& in,
                     const LoopFunctions& functions, Workspace& w) const;
 };

@@ -1,12 +1,11 @@
-"""What a contact leaves free and what it lets press: the task as a value, and its split by dual projectors.
+"""The hybrid task, and its split into motion and force by dual projectors.
 
     s = P s_motion + (I - P) C (I - P)' (W_d - W)            P* = (I - P)'
 
-Motion keeps to the freedoms S and force to the constraints S*: a wrench error never moves the tool along S, and motion
-never changes the force. The compliance C, twist per wrench, is a tensor fixed to the contact (it changes frames as
-Ad C Ad'), so that no frame is preferred. With W the constraints and W'C W = L L', a wrench W w has the *unit parts*
-L'w and a twist the *unit rates* L^-1 W' twist: both in the units of the first constraint: for each
-the force law is one and the same scalar law (`law`).
+A wrench error never moves the tool along the freedoms S, and motion never changes the force. The compliance C, twist
+per wrench, is a tensor fixed to the contact (it changes frames as Ad C Ad'), so that no frame is preferred. With W the
+constraints and W'C W = L L', a wrench W w has the *unit parts* L'w and a twist the *unit rates* L^-1 W' twist, in the
+units of the first constraint; the force law is the same for each.
 
 Reference: [DS] Sect. 6.3; Lipkin & Duffy 1988; Selig & McAree 1996.
 """
@@ -26,7 +25,7 @@ from numpy.typing import ArrayLike
 from invariantqp.engine import law
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.force.contact_kinds import Contact, ContactKind
-from invariantqp.force.sensor import Wrench, by_name, wanted_of
+from invariantqp.force.wrench import Wrench, by_name, desired_wrench_of
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared, Value, own
@@ -36,22 +35,22 @@ from invariantqp.systems.projectors import DualProjectors, dual_projectors
 OnLoss = Literal["approach", "hold", "retreat", "continue"]
 OnOverload = Literal["hold", "retreat"]
 
-# How far a normal may be corrected [rad]: beyond it the declared one says nothing.
-MOST_TILT = pi / 4.0
-# The slope of a surface beside the declared one, where `normal_within` does not say it: 6 deg.
+# The largest correction of a normal [rad].
+MAX_TILT = pi / 4.0
+# The slope of a surface against the declared one, unless `normal_within` is larger: 6 deg.
 SLOPE = 0.1
-# What holds a thing, fingers and arm, yields to moments as over this many sizes of the contact: one gain is for both,
-# and for what is stiffest. With one size a stiff hinge's moments slow down what yields to its forces.
-HELD = 2.0
-# A press below zero by less than this share of a wrench is none: a wrench may come from another frame.
+# The size over which a grip is compliant to moments, in sizes of the contact: with one size the moments of a stiff
+# hinge would lower the gain of the forces, too.
+GRIP_SIZES = 2.0
+# A press below zero by less than this share of a wrench is rounding.
 ROUNDING = 1e-9
-# How far a grip may be from where the compliance was taken, as a share of the contact's size.
-NEAR = 0.2
+# The compliance of a grip is that of a place within this share of the contact's size.
+GRIP_TOLERANCE = 0.2
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
 class HybridTask(Value):
-    """Move along the freedoms of a contact, press against its constraints.
+    """Motion along the freedoms of a contact, force against its constraints.
 
     Attributes: as the arguments, with `metric` and `compliance` as (6, 6) in the contact's own frame.
     """
@@ -112,71 +111,67 @@ class HybridTask(Value):
         """The task for one contact. Defaults of lengths and speeds are metres and m/s; in another unit give them all.
 
         Args:
-            contact: the contact, or a function that gives it for the tool's (4, 4) pose in the base frame.
-            wrench: what the tool is to exert: (6-k,) parts in the contact's constraints, in their order (the first is
-                the press [N]; with six constraints moment, then force), or a `Wrench` in the contact's own
-                frame, of which the part in S* counts.
-            h: pitch whose reciprocal system is the complement Z; see `dual_projectors` for what it cannot do.
+            contact: the contact, or a function that returns it for the tool's (4, 4) pose in the base frame.
+            wrench: to exert: (6-k,) parts in the contact's constraints, in their order (first the press [N]; with six
+                constraints moment, then force), or a `Wrench` in the contact's own frame; its part in S* counts.
+            h: pitch whose reciprocal system is the complement Z; see `dual_projectors` for its limits.
             complement: Z itself, (6, 6-k) in the contact's own frame.
             metric: (6, 6) or (6,) positive definite, in the contact's own frame, a contact stiffness for instance. With
                 none of the three, Z = C W follows from the compliance; it exists for every contact.
             compliance: C, twist per wrench: one number c [length/s per N] for diag(c/size^2 I, c I), or (6,), or (6, 6)
-                in the contact's own frame. It is then the force loop's fixed gain: c k on a contact of stiffness k,
-                stable with dt c k < 2, without overshoot below 1, and with a low-pass of time constant T for
-                c k T < 1/4. None lets the law follow what is estimated of stiffness, damping and delay, and takes C
-                in the same way in all directions about the place of contact, or over twice the size about the grip of
-                one that cannot be lost.
-            stiffness: of the contact along the press [force/length], arm in series included: of
-                something soft it makes an approach up to 2.5 times as fast, and an estimate begins with it where no
-                touch is seen. A touch shows more, so that one declared wrong costs nothing else. A fixed compliance has
-                integral action where it is declared.
-            size: over what length the contact spreads, which weighs moments against forces [length].
-            normal_within: corrects the declared normal by how the tool moves along the surface, by this angle at most
-                [rad], up to pi/4; None trusts the declared one. Friction does not disturb it. One press only.
-            lost_below: press [N] below which contact is lost; None is a tenth of the wanted one, 0 is never once felt.
-            lost_after: for how long [s].
-            on_loss: "approach" goes on, no faster than `approach_speed` towards the contact; "hold" stands still until
-                it is felt again; "retreat" leaves; "continue" only reports it. Before the first touch it is "approach".
-            yields: how far the surface may move, give way, or step down, under the tool [length]; inf is any way.
-                Readings that lead the tool further than this and what a slope explains are a "fault".
-            edge_margin: a contact nearer to the edge of its surface than this is told [length]; beyond the edge nothing
-                is pushed. Only for contacts that say where their edge is.
-            approach_speed: the most that the force law moves the place of contact in the air and into the contact
-                [length/s], beside what a slope asks for. Without a fixed compliance a touch is slower than this where
-                tick and delay ask for it: the wanted press over 1e5 N/m times what is late, or of what is declared
-                softer.
-            approach_distance: after this way towards the contact without feeling it, stand still [length]; inf: never.
-            approach_time: likewise [s]; the way alone ends it by default.
-            slide_speed: the most that an error of the target moves the tool along the contact [length/s], its turning
-                counted over `size`; inf is any. A feedforward is not limited: a path that comes with one is followed.
-                Where joints have no acceleration limits, both take up such a speed within 0.1 s.
-            max_force: force [N] above which the status is "overload"; None is 2.5 times the wanted one, the task's or
-                the tick's, whichever is larger, 20 N where none is wanted, for the press and for what is felt across it
-                (friction above all), each by itself; inf is never. Where a press is lowered, the limit falls with what
-                is felt.
-            max_moment: moment likewise, about the place of contact or the grip, where it is less [N length]; None is
-                2.5 times the wanted one, or `size` times the force where that is more.
-            on_overload: "hold" or "retreat", until `HybridController.reset`, at an overload or a sensor's fault; None
-                is "retreat" from a contact that can be left.
+                in the contact's own frame. It is then the fixed gain of the force loop: c k on a contact of stiffness
+                k, stable for dt c k < 2, without overshoot below 1, and with a low-pass of time constant T for
+                c k T < 1/4. None adapts the gain to the estimated stiffness, damping and delay, with C isotropic about
+                the place of contact, or over twice the size about the grip of a contact without a press.
+            stiffness: of the contact along the press [force/length], arm in series included. A soft one allows an
+                approach up to 2.5 times as fast, and is the prior of the estimate; a wrong one is corrected by the
+                first contact. A fixed compliance has integral action only with it.
+            size: over which the contact spreads, which weighs moments against forces [length].
+            normal_within: estimates the normal from the motion along the surface, within this angle of the declared one
+                [rad], up to pi/4; None trusts the declared one. For contacts with one press; friction does not matter.
+            lost_below: press [N] below which contact is lost; None is a tenth of the desired one, 0 is never once felt.
+            lost_after: for so long [s].
+            on_loss: "approach" moves towards the contact, no faster than `approach_speed`; "hold" stands still until it
+                is felt again; "retreat" leaves; "continue" only reports it. Before the first contact it is "approach".
+            yields: how far the surface may move, give way, or step down, under the tool [length]; inf is any distance.
+                Readings that lead the tool further than this and the slope explain are a "fault".
+            edge_margin: a contact nearer to the edge of its surface than this is reported [length]; beyond the edge
+                nothing is pushed. Only for contacts with an edge.
+            approach_speed: the largest speed of the force law in the air and into the contact [length/s], without that
+                of a slope. Without a fixed compliance an impact is slower if tick and delay require it: the desired
+                press over 1e5 N/m, or the softer declared stiffness, and over the delay.
+            approach_distance: stand still after so far towards the contact without feeling it [length]; inf: never.
+            approach_time: likewise [s]; by default the distance alone ends the approach.
+            slide_speed: the largest speed along the contact for an error of the target [length/s], rotation counted
+                over `size`; inf is any. A feedforward is not limited. Without acceleration limits of the joints, the
+                speed is reached within 0.1 s.
+            max_force: force [N] above which the status is "overload"; None is 2.5 times the desired one of task or
+                tick, 20 N if none is desired, for the press and for the force across it (mostly friction), each by
+                itself; inf is never. After the desired press was lowered, the limit falls with the force.
+            max_moment: likewise of the moment about the place of contact or the grip, the smaller one [N length]; None
+                is 2.5 times the desired one, or `size` times the force if that is more.
+            on_overload: "hold" or "retreat", until `HybridController.reset`, after an overload or a fault; None is
+                "retreat" from a contact that can be left.
             grip: (3,) where the tool holds a handle, which may be far from its hinge, in the tool frame [length].
-            retreat_speed: along the contact's way out [length/s].
-            retreat_distance: so far from the touch, after a fault from where the approach began, stand still [length].
+            retreat_speed: along the contact's outward twist [length/s].
+            retreat_distance: from the contact, after a fault from the start of the approach [length].
 
         Raises:
             BadInput: more than one of h, complement and metric, NaN, shapes, "retreat" from a contact that cannot be
-                left, a `max_force` that the wanted force alone reaches.
-            NoProjectors: h does not do for this contact; names its type.
+                left, a `max_force` below the desired force.
+            NoProjectors: there is none for h and this contact; names the contact's type.
         """
         rules = {"h": h, "complement": complement, "metric": metric}
         given = [name for name, rule in rules.items() if rule is not None]
         if len(given) > 1:
             raise BadInput(given[0], " and ".join(given), "one of h, complement, metric, or none")
         if not isinstance(contact, Contact) and not callable(contact):
-            raise BadInput("contact", excerpt(contact), "a Contact, or a function of the tool's pose that gives one")
+            raise BadInput("contact", excerpt(contact), "a Contact, or a function of the tool's pose that returns one")
         length = arrays.number(size, "size", "a length", positive=True)
+        desired = desired_wrench_of(wrench, partial(_constraints, contact))
         self.__attrs_init__(
             contact=contact,
-            wrench=wanted_of(wrench, partial(_constraints, contact)),
+            wrench=desired,
             h=None if h is None else finite_pitch(h),
             complement=None if complement is None else arrays.system(complement, "complement"),
             metric=None if metric is None else arrays.positive_definite(metric, 6, "metric"),
@@ -193,7 +188,7 @@ class HybridTask(Value):
             approach_distance=_limit(approach_distance, "approach_distance"),
             approach_time=_limit(approach_time, "approach_time"),
             slide_speed=_limit(slide_speed, "slide_speed"),
-            max_force=None if max_force is None else _above(_limit(max_force, "max_force"), wrench, contact),
+            max_force=None if max_force is None else _force_limit(max_force, desired, contact),
             max_moment=None if max_moment is None else _limit(max_moment, "max_moment"),
             on_overload=None
             if on_overload is None
@@ -207,28 +202,31 @@ class HybridTask(Value):
 
     @property
     def slope(self) -> float:
-        """How steep the surface may be beside the declared one, the tangent of its angle."""
+        """The largest slope of the surface against the declared one, a tangent."""
         return max(SLOPE, tan(self.normal_within or 0.0))
 
-    def contact_at(self, tool: Array) -> Contact:
-        """The contact with the tool at a (4, 4) pose.
+    def contact_at(self, tool: Array, contact: Any = None) -> Contact:
+        """The given contact of a tick, else the task's with the tool at a (4, 4) pose.
 
         Raises:
-            BadInput: the function gave something else.
+            BadInput: not a contact.
         """
-        if isinstance(self.contact, Contact):
-            return self.contact
-        contact = self.contact(tool)
-        if not isinstance(contact, Contact):
-            raise BadInput("contact", f"a function that gave {excerpt(contact)}", "one that gives a Contact")
-        return contact
+        declared = self.contact if contact is None else contact
+        if isinstance(declared, Contact):
+            return declared
+        if contact is not None:
+            raise BadInput("contact", excerpt(contact), "a Contact")
+        found = declared(tool)
+        if not isinstance(found, Contact):
+            raise BadInput("contact", f"a function that gave {excerpt(found)}", "one that gives a Contact")
+        return found
 
     def split(self, kind: ContactKind, grip: ArrayLike | None = None) -> Split:
         """P, P* and the admittance for a kind of contact, in its own frame.
 
         Args:
             kind: of contact.
-            grip: (3,) the place of the grip in that frame; None is the place of contact.
+            grip: (3,) in that frame; None is the place of contact.
 
         Raises:
             BadInput, NoProjectors: the task does not fit this contact.
@@ -243,8 +241,28 @@ class HybridTask(Value):
                 f"{self.normal_within!r}, and a {kind.name} with {kind.presses} presses",
                 "None for a contact without a press or with more than one",
             )
-        at = kind.origin if grip is None else arrays.vector(grip, 3, "grip")
-        return split_of(kind, self.wrench, self.compliance, at, self.size, (self.h, self.complement, self.metric))
+        W, C, complement = np.asarray(kind.constraints), self.compliance, self.complement
+        if C is None:
+            at = kind.origin if grip is None else arrays.vector(grip, 3, "grip")
+            place = se3.adjoint(se3.transform(None, at), check=False)
+            C = place.dot(compliance_of(1.0, self.size if kind.presses else GRIP_SIZES * self.size)).dot(place.T)
+        if self.h is None and self.metric is None and complement is None:
+            complement = C.dot(W)
+        projectors = dual_projectors(np.asarray(kind.freedoms), h=self.h, complement=complement, metric=self.metric)
+        Z = projectors.complement
+        parts = np.linalg.solve(Z.T.dot(W), Z.T) if W.shape[1] else np.zeros((0, 6))
+        L: Array = np.linalg.cholesky(W.T.dot(C).dot(W))
+        one = float(L[0, 0]) if self.compliance is not None and len(L) else 1.0
+        split = Split(
+            kind,
+            projectors,
+            parts,
+            L.T.dot(parts) / one,
+            one * np.asarray(np.linalg.solve(L, W.T)),
+            Z.dot(np.linalg.solve(W.T.dot(Z), L)) / one if W.shape[1] else np.zeros((6, 0)),
+            one * one if self.compliance is not None else 0.0,
+        )
+        return split._replace(wrench=split.desired(self.wrench))
 
     def relabelled(self, offset: ArrayLike | None = None, tool_offset: ArrayLike | None = None) -> HybridTask:
         """The same task in other frames: the contact's displaced by `offset` in itself, the tool's by `tool_offset`.
@@ -270,26 +288,26 @@ class HybridTask(Value):
 
 @frozen(eq=False, slots=False)
 class _Relabelled(Compared):
-    """A function that gives a contact, for other frames of contact and tool."""
+    """The function of a contact for other frames of contact and tool."""
 
     function: Callable[[Array], Contact]
     offset: Array
     tool_offset: Array
 
     def __call__(self, tool: Array) -> Contact:
-        """The contact for a tool's pose in the new tool frame."""
+        """The contact for the pose of the new tool frame."""
         return self.function(tool.dot(se3.inverse(self.tool_offset, check=False))).relabelled(self.offset)
 
 
 def _angle(value: float) -> float:
     angle = arrays.number(value, "normal_within", "an angle in radians", positive=True)
-    if angle > MOST_TILT:
-        raise BadInput("normal_within", f"{angle:g} rad", f"at most {MOST_TILT:g} rad")
+    if angle > MAX_TILT:
+        raise BadInput("normal_within", f"{angle:g} rad", f"at most {MAX_TILT:g} rad")
     return angle
 
 
 def _constraints(contact: Contact | Callable[[Array], Contact]) -> int:
-    """How many constraints a contact has, a function's with the tool at the origin; 0 where that cannot be said."""
+    """The number of constraints of a contact, for a function with the tool at the origin; 0 if that is not possible."""
     if isinstance(contact, Contact):
         return int(contact.kind.constraints.shape[1])
     try:
@@ -298,22 +316,18 @@ def _constraints(contact: Contact | Callable[[Array], Contact]) -> int:
         return 0
 
 
-def _above(most: float, wrench: ArrayLike | Wrench, contact: Contact | Callable[[Array], Contact]) -> float:
-    """A largest force that leaves room for the wanted one.
-
-    Raises:
-        BadInput: the wanted force alone reaches it.
-    """
-    wanted = wanted_of(wrench, partial(_constraints, contact))
-    if len(wanted) == 6:
-        force = se3.norm(wanted[3:])
-    elif isinstance(contact, Contact) and len(wanted) == contact.kind.constraints.shape[1]:
-        force = se3.norm(np.asarray(contact.kind.constraints)[3:].dot(wanted))
+def _force_limit(limit: float, desired: Array, contact: Contact | Callable[[Array], Contact]) -> float:
+    """A checked largest force; BadInput if the desired force alone reaches it."""
+    largest = _limit(limit, "max_force")
+    if len(desired) == 6:
+        force = se3.norm(desired[3:])
+    elif isinstance(contact, Contact) and len(desired) == contact.kind.constraints.shape[1]:
+        force = se3.norm(np.asarray(contact.kind.constraints)[3:].dot(desired))
     else:  # the first part is the press
-        force = abs(float(wanted[0])) if len(wanted) else 0.0
-    if force > 0.0 and most <= force:
-        raise BadInput("max_force", f"{most:g} beside a wanted force of {force:g}", "a limit above the wanted force")
-    return most
+        force = abs(float(desired[0])) if len(desired) else 0.0
+    if force > 0.0 and largest <= force:
+        raise BadInput("max_force", f"{largest:g} beside a desired force of {force:g}", "more than the desired force")
+    return largest
 
 
 def _limit(value: float, argument: str) -> float:
@@ -321,55 +335,29 @@ def _limit(value: float, argument: str) -> float:
 
 
 class Split(NamedTuple):
-    """What a task needs of one kind of contact, in the contact's own frame; n = 6-k constraints.
-
-    Attributes:
-        kind: of contact.
-        projectors: P and P*.
-        intensities: (n, 6), from a wrench to its parts in the constraints.
-        unit_parts: (n, 6), from a wrench to its unit parts.
-        unit_rates: (n, 6), from a twist to its unit rates.
-        twist: (6, n) from unit rates to the twist along Z that has them.
-        gain: of a compliance that is given, from unit parts to unit rates [length/s/force].
-        exert: (6,) the task's own W_d.
-        load: force and moment of that about the place of contact [force, force length].
-    """
+    """The projectors of a task for one kind of contact, in the contact's own frame; n = 6-k constraints."""
 
     kind: ContactKind
-    projectors: DualProjectors
-    intensities: Array
-    unit_parts: Array
-    unit_rates: Array
-    twist: Array
-    gain: float
-    exert: Array = np.zeros(6)
-    load: tuple[float, float] = (0.0, 0.0)
+    projectors: DualProjectors  # P and P*
+    intensities: Array  # (n, 6) from a wrench to its parts in the constraints
+    unit_parts: Array  # (n, 6) from a wrench to its unit parts
+    unit_rates: Array  # (n, 6) from a twist to its unit rates
+    twist: Array  # (6, n) from unit rates to the twist along Z that has them
+    compliance: float  # a declared one, from unit parts to unit rates [length/s/force], else 0
+    wrench: Array = np.zeros(6)  # (6,) the task's own W_d
 
-    def fields(self, *, given: bool) -> dict[str, Any]:
-        """The split as the engine takes it; `given` says whether the task declares a compliance."""
-        kind = self.kind
-        return {
-            "n": len(self.unit_parts),
-            "presses": kind.presses,
-            "motion": self.projectors.motion,
-            "force": self.projectors.force,
-            "constraints": np.asarray(kind.constraints).T,
-            "intensities": self.intensities,
-            "unit_parts": self.unit_parts,
-            "unit_rates": self.unit_rates,
-            "twist": self.twist,
-            "out": kind.out,
-            "wrench": self.exert,
-            "load": self.load,
-            "origin": kind.origin,
-            "compliance": self.gain if given else 0.0,
-        }
+    def fields(self) -> dict[str, Any]:
+        """The split as the engine takes it."""
+        kind, projectors = self.kind, self.projectors
+        more = {"motion": projectors.motion, "force": projectors.force, "constraints": np.asarray(kind.constraints).T}
+        names = "presses", "out", "origin"
+        return {"n": len(self.unit_parts), **self._asdict(), **more, **{name: getattr(kind, name) for name in names}}
 
-    def wanted_now(self, wrench: Any) -> Array:
-        """(6,) W_d of one tick, from what its `wanted` is given, as `HybridTask` takes it."""
-        return self.wanted(wanted_of(wrench, lambda: int(self.kind.constraints.shape[1]), "wanted"), "wanted")
+    def desired_now(self, wrench: Any) -> Array:
+        """(6,) W_d of one tick, from the `wanted` of a step."""
+        return self.desired(desired_wrench_of(wrench, lambda: int(self.kind.constraints.shape[1]), "wanted"), "wanted")
 
-    def wanted(self, wrench: Array, argument: str = "wrench") -> Array:
+    def desired(self, wrench: Array, argument: str = "wrench") -> Array:
         """(6,) W_d in S*, from parts in the constraints or from a wrench.
 
         Raises:
@@ -383,65 +371,14 @@ class Split(NamedTuple):
         parts = self.intensities.dot(wrench) if found == 6 else wrench
         press = min(parts[: self.kind.presses].tolist(), default=0.0)
         if press < -ROUNDING * se3.norm(wrench):
-            expected = "zero or more: the contact's z is the way the tool presses"
+            expected = "zero or more: the tool presses along the contact's z"
             raise BadInput(argument, f"a press of {press:g}", expected, "A contact that pulls is not unilateral.")
         exert: Array = W.dot(parts)
         return exert
 
 
-def split_of(
-    kind: ContactKind,
-    wrench: Array,
-    compliance: Array | None,
-    grip: Array,
-    size: float,
-    rule: tuple[float | None, Array | None, Array | None],
-) -> Split:
-    """The split of a kind of contact, all in its own frame.
-
-    Args:
-        kind: of contact.
-        wrench: what to exert, as `HybridTask` has it.
-        compliance: (6, 6) C; None is one, the same in all directions about the grip, over HELD sizes without a press.
-        grip: (3,) [length].
-        size: over what length the contact spreads [length].
-        rule: h, complement (6, 6-k) and metric (6, 6), one of them or none: Z = C W then.
-
-    Raises:
-        BadInput, NoProjectors: they do not fit this contact.
-    """
-    W, C = np.asarray(kind.constraints), compliance
-    if C is None:
-        place = se3.adjoint(se3.transform(None, grip), check=False)
-        C = place.dot(compliance_of(1.0, size if kind.presses else HELD * size)).dot(place.T)
-    h, complement, metric = rule
-    if h is None and metric is None and complement is None:
-        complement = C.dot(W)
-    projectors = dual_projectors(np.asarray(kind.freedoms), h=h, complement=complement, metric=metric)
-    Z = projectors.complement
-    parts = np.linalg.solve(Z.T.dot(W), Z.T) if W.shape[1] else np.zeros((0, 6))
-    L: Array = np.linalg.cholesky(W.T.dot(C).dot(W))
-    one = float(L[0, 0]) if compliance is not None and len(L) else 1.0
-    split = Split(
-        kind,
-        projectors,
-        parts,
-        L.T.dot(parts) / one,
-        one * np.asarray(np.linalg.solve(L, W.T)),
-        Z.dot(np.linalg.solve(W.T.dot(Z), L)) / one if W.shape[1] else np.zeros((6, 0)),
-        one * one,
-    )
-    exert = split.wanted(wrench)
-    moment = exert[:3] - se3.cross(np.asarray(kind.origin), exert[3:])
-    return split._replace(exert=exert, load=(se3.norm(exert[3:]), se3.norm(moment)))
-
-
 def compliance_of(value: ArrayLike, size: float) -> Array:
-    """(6, 6) C from one number, six or a matrix.
-
-    Raises:
-        BadInput: something else.
-    """
+    """(6, 6) C from one number, six or a matrix."""
     c = arrays.array(value, "compliance", "a number, 6 numbers or a (6, 6) matrix")
     if c.ndim == 0:
         one = arrays.number(float(c), "compliance", "a speed per newton", positive=True)
@@ -449,50 +386,24 @@ def compliance_of(value: ArrayLike, size: float) -> Array:
     return arrays.positive_definite(c, 6, "compliance")
 
 
-def contact_now(task: HybridTask, tool: Array, given: Any) -> Contact:
-    """The contact given for this tick, or where that is None the task's for the tool's (4, 4) pose.
-
-    Raises:
-        BadInput: it is no contact.
-    """
-    if given is None:
-        return task.contact_at(tool)
-    if not isinstance(given, Contact):
-        raise BadInput("contact", excerpt(given), "a Contact")
-    return given
-
-
-class KeptSplit:
-    """The last split of one task.
-
-    Attributes:
-        task: whose split it is.
-        in_engine: the split as the engine takes it.
-    """
+class SplitCache:
+    """The last split of a task, and `in_engine`, the same as the engine takes it."""
 
     def __init__(self, task: HybridTask, kind: ContactKind) -> None:
-        """Of a task and the kind of its first contact.
-
-        Raises:
-            BadInput, NoProjectors: the task does not fit this contact.
-        """
+        """Of the kind of its first contact."""
         self.task = task
-        self._grip: Array | None = None  # for which that is
+        self._grip: Array | None = None  # of the split
         self._keep(task.split(kind))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return KeptSplit, (self.task, self._split.kind)
+        return SplitCache, (self.task, self._split.kind)
 
     def at(self, contact: Contact, tool: Array) -> Split:
-        """The split for a contact with the tool at a (4, 4) pose.
-
-        Raises:
-            BadInput, NoProjectors: the task does not fit this contact.
-        """
+        """The split for a contact with the tool at a (4, 4) pose; raises as `HybridTask.split`."""
         task, kind, split = self.task, contact.kind, self._split
         if task.compliance is None and kind.presses == 0:
             grip = se3.inverse(contact.pose, check=False).dot(tool.dot([*task.grip, 1.0]))[:3]
-            if self._grip is None or kind != split.kind or hypot(*(grip - self._grip)) > NEAR * task.size:
+            if self._grip is None or kind != split.kind or hypot(*(grip - self._grip)) > GRIP_TOLERANCE * task.size:
                 self._keep(task.split(kind, grip))
                 self._grip = grip
         elif kind is not split.kind:
@@ -501,4 +412,4 @@ class KeptSplit:
 
     def _keep(self, split: Split) -> None:
         self._split = split
-        self.in_engine: Any = law.ContactSplit(split.fields(given=self.task.compliance is not None))
+        self.in_engine: Any = law.ContactSplit(split.fields())

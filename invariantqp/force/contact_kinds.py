@@ -1,4 +1,4 @@
-"""Contacts: a kind of contact at a pose in the base frame, functions that make the usual ones, and two at once.
+"""Contacts: kinds of contact, a contact as a kind at a pose in the base frame, and functions that make them.
 
     S = Ad(pose) S_kind,    W = Ad*(pose) W_kind,    W'S = 0 at every pose
 
@@ -10,9 +10,8 @@ A kind is given by its freedoms S (twists) and constraints W (wrenches) in its o
     peg      S: rotation and slide along the axis                  hinge: S: one screw
     ball     S: 3 rotations                W: 3 forces
 
-The origin of the frame is at the contact. **z points the way the tool presses**, against the outward normal of the
-surface; x lies along a line contact. Wrenches are those that the tool exerts, so pressing is positive: a press of five
-newtons on a table is 5 times the first constraint.
+The origin of the frame is at the contact. **z points along the press**, against the outward normal of the surface; x
+lies along a line contact. Wrenches are those that the tool exerts: a press of 5 N is 5 times the first constraint.
 
 Reference: [DS] Sect. 6.3; Mason 1981; Lipkin & Duffy 1988.
 """
@@ -37,10 +36,10 @@ from invariantqp.geometry.screws import helical
 from invariantqp.geometry.sizes import LENGTH_LIMIT
 from invariantqp.systems.subspaces import Subspace, annihilator
 
-# Contacts are given with six digits: W'S beside |W||S| below this is zero, a tangent at such an angle to the normal is
-# parallel to it, and two ways out of unit speed whose sum is slower lead nowhere.
+# Contacts are given with six digits: tolerance of W'S over |W||S|, of the angle of a tangent to the normal, and of
+# the sum of two outward twists.
 SIX_DIGITS = 1e-6
-# Step of central differences, relative to the coordinates: where truncation and rounding are of one size.
+# Relative step of central differences, for which truncation and rounding errors are equal.
 GRADIENT_STEP = float(np.cbrt(np.finfo(float).eps))
 
 
@@ -52,10 +51,10 @@ class ContactKind(Value):
         name: "point", "line", ...
         freedoms: (6, k) independent twists S that the contact allows.
         constraints: (6, 6-k) wrenches W that the tool can exert on it.
-        presses: how many of the first constraints are unilateral: the tool can press but not pull, and contact is lost
-            below zero. 0 of a joint, 1 of a tool on a surface, 2 of two contacts at once.
-        out: (6,) unit twist that leads out of the contact, or None where there is no way out.
-        origin: (3,) the place of contact in this frame; zero unless the frame has been displaced.
+        presses: number of first constraints that are unilateral: the tool can press but not pull. 0 of a joint, 1 of a
+            tool on a surface, 2 of two contacts.
+        out: (6,) unit twist that leaves the contact, or None.
+        origin: (3,) the place of contact in this frame; zero unless the frame was displaced.
     """
 
     name: str
@@ -74,9 +73,7 @@ class ContactKind(Value):
         out: ArrayLike | None = None,
         origin: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
-        """A kind of contact from what it allows.
-
-        Constraints left out are a basis of all wrenches that do no work on the freedoms.
+        """A kind of contact from its freedoms; None for constraints is a basis of the wrenches that do no work on them.
 
         Raises:
             BadInput: dependent columns, wrenches that do work on the freedoms, more presses than constraints.
@@ -86,7 +83,9 @@ class ContactKind(Value):
         if S.shape[1] + W.shape[1] != 6:
             raise BadInput("constraints", f"{W.shape[1]} wrenches", f"{6 - S.shape[1]}, S has {S.shape[1]} twists")
         work = np.abs(W.T.dot(S))
-        if (work > SIX_DIGITS * _powers(W, S).max(initial=0.0)).any():
+        m, f, w, v = (np.linalg.norm(part, axis=0) for part in (W[:3], W[3:], S[:3], S[3:]))
+        largest = (np.outer(m, w) + np.outer(f, v)).max(initial=0.0)
+        if (work > SIX_DIGITS * largest).any():
             raise BadInput("constraints", f"wrenches that do work on the freedoms (W'S up to {work.max():.3g})", "none")
         count = arrays.count(presses, "presses", W.shape[1])
         way_out = None if out is None else arrays.twist(out, "out")
@@ -102,12 +101,6 @@ class ContactKind(Value):
         return ContactKind(self.name, S, W, self.presses, out, origin)
 
 
-def _powers(W: Array, S: Array) -> Array:
-    """(6-k, k) |m||w| + |f||v|: how large W'S could be."""
-    m, f, w, v = (np.linalg.norm(part, axis=0) for part in (W[:3], W[3:], S[:3], S[3:]))
-    return np.asarray(np.outer(m, w) + np.outer(f, v))
-
-
 def _independent(columns: ArrayLike, argument: str) -> Array:
     a = arrays.system(columns, argument)
     if Subspace(a).dimension < a.shape[1]:
@@ -118,7 +111,7 @@ def _independent(columns: ArrayLike, argument: str) -> Array:
 def _kind(name: str, freedoms: str, constraints: str) -> ContactKind:
     """A kind from coordinate names: rx for a turn about x, mx for a moment, x for a slide or a force.
 
-    It is pressed where the first constraint is along z; along z leads the way out, if it is that or free.
+    It has a press if the first constraint is along z; the outward twist is against z, if z is pressed or free.
     """
     names = {"rx": 0, "ry": 1, "rz": 2, "mx": 0, "my": 1, "mz": 2, "x": 3, "y": 4, "z": 5}
     E = np.eye(6)
@@ -140,7 +133,7 @@ PEG = _kind("peg", "rz z", "x y mx my")
 
 @lru_cache(maxsize=16)
 def screw_kind(pitch: float) -> ContactKind:
-    """One screw of the given pitch [length/rad] about z; inf is a slide."""
+    """A screw of a pitch [length/rad] about z; inf is a slide."""
     E = np.eye(6)
     W = E[:, [3, 4, 0, 1, 5]].copy()
     W[2, 4] = -pitch  # m + pitch f = 0 along the axis
@@ -152,12 +145,12 @@ def screw_kind(pitch: float) -> ContactKind:
 
 @frozen(init=False, eq=False, repr=False, slots=False)
 class Contact(Value):
-    """A kind of contact at a pose; its freedoms and constraints are expressed in the frame of that pose, the base's.
+    """A kind of contact at a pose; freedoms and constraints are in the base frame.
 
     Attributes:
-        kind: what it is in its own frame.
-        pose: (4, 4) of its own frame.
-        edge: how far the surface's edge is from the place of contact [length], negative beyond it; None is no edge.
+        kind: in its own frame.
+        pose: (4, 4) of that frame.
+        edge: distance of the surface's edge from the place of contact [length], negative beyond it; None is no edge.
     """
 
     kind: ContactKind
@@ -190,7 +183,7 @@ class Contact(Value):
 
     @cached_property
     def constraints(self) -> Array:
-        """(6, 6-k) wrenches that the tool can exert on the contact; none does work on any freedom."""
+        """(6, 6-k) wrenches that the tool can exert; none does work on any freedom."""
         return np.asarray(self.coadjoint.dot(self.kind.constraints))
 
     @cached_property
@@ -199,11 +192,11 @@ class Contact(Value):
         return np.asarray(self.pose[:3, :3].dot(self.kind.origin) + self.pose[:3, 3])
 
     def moved(self, pose: ArrayLike) -> Contact:
-        """The contact after a (4, 4) rigid motion: twists go by Ad, wrenches by the coadjoint."""
+        """The contact after a (4, 4) rigid motion."""
         return _at(self.kind, arrays.pose(pose).dot(self.pose), self.edge)
 
     def relabelled(self, offset: ArrayLike) -> Contact:
-        """The same contact, not moved, with its own frame displaced by a (4, 4) offset in that frame."""
+        """The same physical contact, its own frame displaced by a (4, 4) offset in that frame."""
         X = arrays.pose(offset, "offset")
         return Contact(self.kind.relabelled(X), self.pose.dot(X), self.edge)
 
@@ -211,19 +204,19 @@ class Contact(Value):
 def point_contact(
     point: ArrayLike, normal: ArrayLike, *, slip: bool = True, tangent: ArrayLike | None = None
 ) -> Contact:
-    """A point of the tool on a surface: it slides and turns, or, with slip=False, only turns (rolls).
+    """A point of the tool on a surface, which slides and turns, or with slip=False only turns.
 
     Args:
-        point: (3,) where they touch, base frame [length].
+        point: (3,) place of contact, base frame [length].
         normal: (3,) outward normal of the surface, of any length.
         slip: whether it slides.
-        tangent: (3,) direction of the contact's own x; None chooses one.
+        tangent: (3,) direction of the contact's x; None chooses one.
     """
     return _at(POINT if arrays.flag(slip, "slip") else ROLLING_POINT, contact_frame(point, normal, tangent))
 
 
 def line_contact(point: ArrayLike, direction: ArrayLike, normal: ArrayLike, *, slip: bool = True) -> Contact:
-    """A straight edge on a surface: it slides and turns about itself and the normal; or it only turns about itself.
+    """A straight edge on a surface, which slides and turns about itself and the normal; or only about itself.
 
     Args:
         point: (3,) a point of the edge, about which moments are taken, base frame [length].
@@ -239,14 +232,14 @@ def line_contact(point: ArrayLike, direction: ArrayLike, normal: ArrayLike, *, s
 def face_contact(
     point: ArrayLike, normal: ArrayLike, *, slip: bool = True, twist: bool = False, tangent: ArrayLike | None = None
 ) -> Contact:
-    """A flat face on a flat surface: it slides and turns about the normal; with slip=False it sticks.
+    """A flat face on a flat surface, which slides and turns about the normal; with slip=False it sticks.
 
     Args:
         point: (3,) a point of the face, about which moments are taken, base frame [length].
         normal: (3,) outward normal of the surface.
         slip: whether it slides.
         twist: whether a face that does not slide still turns about the normal through `point`.
-        tangent: (3,) direction of the contact's own x; None chooses one.
+        tangent: (3,) direction of the contact's x; None chooses one.
     """
     turns = arrays.flag(twist, "twist")
     kind = FACE if arrays.flag(slip, "slip") else PIVOTING_FACE if turns else STICKING_FACE
@@ -264,11 +257,11 @@ def surface_contact(
     """A point of the tool on a curved surface, with the normal at the point of contact.
 
     Args:
-        point: (3,) where they touch, base frame [length].
-        normal: function that gives the outward normal (3,) at a point.
+        point: (3,) place of contact, base frame [length].
+        normal: function from a point to the outward normal (3,).
         implicit: or a function that is zero on the surface and grows outwards; its gradient is the normal.
         slip: whether the point slides.
-        extent: function that gives how far the surface's edge is from a point, negative beyond it [length].
+        extent: function from a point to the distance of the surface's edge, negative beyond it [length].
 
     Raises:
         BadInput: not one of normal and implicit, NaN, a normal or a gradient that is zero.
@@ -293,12 +286,12 @@ def surface_contact(
 
 
 def ball_joint(point: ArrayLike) -> Contact:
-    """A ball in its socket, or a tool held at one point (3,): it turns, and is held against every force."""
+    """A ball in its socket, or a tool held at one point (3,): it turns, with every force constrained."""
     return _at(BALL, contact_frame(point, [0.0, 0.0, -1.0], None))
 
 
 def peg_in_hole(point: ArrayLike, axis: ArrayLike) -> Contact:
-    """A round peg in its hole: it turns about the axis and slides along it.
+    """A round peg in its hole, which turns about the axis and slides along it.
 
     Args:
         point: (3,) a point of the axis, about which moments are taken, base frame [length].
@@ -308,7 +301,7 @@ def peg_in_hole(point: ArrayLike, axis: ArrayLike) -> Contact:
 
 
 def hinge(point: ArrayLike, axis: ArrayLike, pitch: float = 0.0) -> Contact:
-    """A door on its hinge, a nut on its bolt, a drawer (pitch inf): one screw is free, five wrenches are constrained.
+    """A door on its hinge, a nut on its bolt, a drawer (pitch inf): one free screw.
 
     Args:
         point: (3,) a point of the axis, base frame [length].
@@ -323,7 +316,7 @@ def hinge(point: ArrayLike, axis: ArrayLike, pitch: float = 0.0) -> Contact:
 
 
 def contact_frame(point: ArrayLike, normal: ArrayLike, tangent: ArrayLike | None, argument: str = "tangent") -> Array:
-    """The contact's own frame: z against the outward normal, x along the projection of the tangent on the surface."""
+    """(4, 4) z against the outward normal, x along the projection of the tangent on the surface."""
     try:
         frame: Array = law.contact_frame(point, normal, tangent)
     except ValueError:
@@ -336,7 +329,7 @@ def contact_frame(point: ArrayLike, normal: ArrayLike, tangent: ArrayLike | None
 
 
 def _at(kind: ContactKind, pose: Array, edge: float | None = None) -> Contact:
-    """A contact at a pose that needs no check, and that nobody writes to; in a tick the constructor's checks show."""
+    """A contact at a pose that needs no check: the constructor's checks would take a part of a tick."""
     contact = Contact.__new__(Contact)
     pose.setflags(write=False)
     vars(contact).update(kind=kind, pose=pose, edge=edge)
@@ -344,14 +337,13 @@ def _at(kind: ContactKind, pose: Array, edge: float | None = None) -> Contact:
 
 
 def two_contacts(first: Contact, second: Contact) -> Contact:
-    """Two contacts of one tool as one, in the frame of the first, whose place counts for moments and speeds.
+    """Two contacts of one tool as one, in the frame of the first, with its place of contact; presses come first.
 
-    Contact is lost when either is, and the nearer of their edges counts. In a loop make it once and put it where the
-    tool is with `moved`, or, because that keeps the edge, with `Contact(both.kind, pose, edge)` where there is one. Its
-    first constraints are the presses, the first's before the second's.
+    Contact is lost when either is, and the nearer edge counts. In a loop make it once and move it with the tool: by
+    `moved`, or with an edge, which `moved` does not change, by `Contact(both.kind, pose, edge)`.
 
     Raises:
-        BadInput: one presses where the other does already.
+        BadInput: dependent constraints.
     """
     for name, contact in (("first", first), ("second", second)):
         arrays.instance(contact, Contact, name, "a Contact")
@@ -364,7 +356,7 @@ def two_contacts(first: Contact, second: Contact) -> Contact:
     if rank < W.shape[1]:
         found = f"a {kind.name} and a {other.name} with {W.shape[1]} wrenches of rank {rank}"
         raise BadInput("second", found, "a contact that constrains what the first leaves free")
-    out = None if kind.out is None or other.out is None else kind.out + other.out  # out of both
+    out = None if kind.out is None or other.out is None else kind.out + other.out
     if out is not None:
         speed = float(np.linalg.norm(se3.velocity_at(out, kind.origin)))
         out = out / speed if speed > SIX_DIGITS else None

@@ -1,13 +1,12 @@
-"""The hybrid loop body: joint positions, a target and a wrench in, a joint velocity inside the limits out.
+"""The hybrid controller: joint positions, a target and a wrench in, a joint velocity within the limits out.
 
     s = P s_motion + sum of unit rates along Z,     s_motion = gain log(T_target T^-1) + feedforward
     velocity = law(J(q), s, box(q)),                torque = J'W_d for arms that take torques
 
-A tick is computed by the engine (`core/hybrid.hpp`); this file reads arguments and says what was found. Everything is
-in the base frame; **wrenches are those that the tool exerts** (a `WrenchSensor` turns readings into them). Neither part
-of s disturbs the other: see `contact`.
+The engine computes a tick (`core/hybrid.hpp`); this file reads the arguments and reports. Twists and wrenches are in
+the base frame; **wrenches are those that the tool exerts** (a `WrenchSensor` turns readings into them).
 
-Reference: [DS] Sect. 6.3; Raibert & Craig 1981 for what it replaces (`compare.frames`).
+Reference: [DS] Sect. 6.3; Raibert & Craig 1981.
 """
 
 from __future__ import annotations
@@ -24,9 +23,10 @@ from invariantqp.control.controller import Controller, refused
 from invariantqp.engine import law
 from invariantqp.errors import BadInput, InvariantQPError, excerpt, written
 from invariantqp.force import messages
-from invariantqp.force.contact import HybridTask, KeptSplit, contact_now
+from invariantqp.force.contact import HybridTask, SplitCache
 from invariantqp.force.contact_kinds import Contact
-from invariantqp.force.sensor import DRIFT, Order, Wrench, WrenchSensor, are_numbers, order_of, wrench_of
+from invariantqp.force.sensor import WrenchSensor
+from invariantqp.force.wrench import Order, Wrench, are_numbers, order_of, wrench_of
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
@@ -34,40 +34,37 @@ from invariantqp.robots.kinematics import Robot, middle, require_robot
 from invariantqp.velocity.measure import length_at
 from invariantqp.velocity.solution import Status, VelocitySolution, no_motion
 
-# The longest dead time for which commands are remembered.
-MOST_TICKS = 10_000
-# The pose of a tool on which nothing depends.
-ANYWHERE = np.eye(4)
-LOSSES = ("approach", "hold", "retreat", "continue")
-# Settings of the engine that are the task's.
-OF_TASK = (
+# The longest dead time of commands.
+MAX_DELAY_TICKS = 10_000
+# In the engine's order.
+ON_LOSS = ("approach", "hold", "retreat", "continue")
+# Settings of the engine that are attributes of the task.
+TASK_SETTINGS = (
     *("size", "slope", "yields", "lost_after", "approach_speed", "approach_distance", "approach_time", "grip"),
     *("retreat_distance", "retreat_speed", "slide_speed", "edge_margin", "normal_within", "max_force", "max_moment"),
 )
-# What the engine says where it doubts nothing.
-UNDOUBTED = (messages.FOLLOW, 0, False, 0, 0.0, 0.0, 1.0, 0.0, 0.0)
 
 
 @frozen(eq=False, repr=False, slots=False)
 class HybridSolution(Compared):
-    """A joint velocity for a force/motion task, and how it was found; all twists and wrenches in the base frame.
+    """The joint velocity of a hybrid tick; all twists and wrenches in the base frame.
 
     Attributes:
-        velocity: (m,) joint velocity [rad/s, length/s], inside the limits.
-        status: "lost", "overload" or "fault" (the sensor's), "degraded" where the force swings or is not reached, the
+        velocity: (m,) joint velocity [rad/s, length/s], within the limits.
+        status: "lost", "overload" or "fault" (the sensor's), "degraded" if the force oscillates or is not reached, the
             edge is near or the normal is out of bounds, or the velocity law's own: see `Status`.
-        reason: why, in words, "" where there is nothing to report.
-        motion: (6,) the wanted twist along S, P s_motion.
-        force: (6,) the wanted twist for the wrench error, along Z; the way out in a retreat.
-        wrench: (6,) the measured wrench: without weight and bias, smoothed, in the base frame.
+        reason: why, in words; "" if there is nothing to report.
+        motion: (6,) the desired twist along S, P s_motion.
+        force: (6,) the desired twist along Z for the wrench error; in a retreat, outwards.
+        wrench: (6,) the measured wrench: without weight and bias, filtered.
         error: (6,) P*(W_d - W), in S*.
-        intensities: (6-k,) the measured wrench's parts in the contact's constraints; the first is the press.
+        intensities: (6-k,) parts of the measured wrench in the contact's constraints; the first is the press.
         wanted: (6,) W_d.
-        contact: the contact of this tick, with the normal found.
-        velocity_solution: the velocity law's answer.
+        contact: the contact of this tick, with the estimated normal.
+        velocity_solution: of the velocity law.
         J: (6, m) joint twists.
 
-    Where joint positions cannot be true, wrenches are NaN: where they act is not known.
+    If the joint positions cannot be true, wrenches are NaN.
     """
 
     velocity: Array
@@ -85,27 +82,24 @@ class HybridSolution(Compared):
 
     @property
     def twist(self) -> Array:
-        """(6,) the wanted twist, motion and force together."""
+        """(6,) the desired twist, motion and force together."""
         return self.motion + self.force
 
     @property
     def torque(self) -> Array:
-        """(m,) J'W_d, the joint torques that exert the wanted wrench, for torque-controlled arms [N m, N]."""
+        """(m,) J'W_d, the joint torques that exert the desired wrench, for torque-controlled arms [N m, N]."""
         torque: Array = self.J.T.dot(self.wanted)
         return torque
 
 
 class HybridController:
-    """Force along S*, motion along S, one arm; `step` is one tick. One controller drives one arm, in one thread.
+    """Force along S* and motion along S of one arm; `step` is one tick, in one thread.
 
     Attributes:
-        task: what the contact allows and what to exert on it.
-        loop: the loop that follows the twist of each tick inside the limits.
-        sensor: what cleans the readings, or None where wrenches come clean and in the base frame.
-        order: of plain numbers where there is no sensor.
-        splits: the task's split for the contact of a tick.
-        force_first: whether the force part of the twist is met exactly, so that limits slow the motion down before
-            they change the force.
+        task: the contact and the wrench to exert.
+        loop: the controller that follows the twist of each tick within the limits.
+        sensor, order, force_first: as the arguments.
+        splits: the split of the task for the contact of a tick.
     """
 
     def __init__(
@@ -120,31 +114,31 @@ class HybridController:
         tare: bool = True,
         **options: Any,
     ) -> None:
-        """Make the loop's fixed part.
+        """A controller before the first contact.
 
         Args:
-            robot: from `load_robot`, or anything that meets `Robot`.
+            robot: from `load_robot`, or any `Robot`.
             task: the force/motion task.
             dt: tick [s].
-            sensor: how readings become wrenches; None takes what `step` is given as the wrench that the tool exerts, in
-                the base frame, without noise.
+            sensor: turns readings into wrenches; None takes the readings of `step` as the wrench that the tool exerts,
+                in the base frame, without noise.
             order: without a sensor, of plain (6,) numbers: "moment first" or "force first"; None refuses them.
-            force_first: whether W'J x = W's are exact rows, W the constraints of the contact. They matter only where
-                the arm cannot do all of s: at limits, near singularities, with fewer than six joints.
-            tare: whether the mean of a sensor's readings in the air before a touch is its bias. A press that is read
-                from the start is first unloaded, to tell a contact from a bias.
+            force_first: whether W'J x = W's are exact rows, W the constraints of the contact, so that limits slow the
+                motion down before they change the force. They matter only if the arm cannot follow all of s.
+            tare: whether the mean of the readings before the first contact is a bias. A press that is read from the
+                start is first unloaded, to tell a contact from a bias.
             options: as in `Controller`: gain, form, damping, exact, acceleration_limit, tool_speed, ... Without
                 `point`, twists are measured at the point of contact.
 
         Raises:
-            BadInput, NoProjectors: what `HybridTask` and `Controller` refuse.
+            BadInput, NoProjectors: as `HybridTask` and `Controller`.
         """
         if not isinstance(task, HybridTask):
             raise BadInput("task", excerpt(task), "a HybridTask")
         if not (sensor is None or isinstance(sensor, WrenchSensor)):
             raise BadInput("sensor", excerpt(sensor), "a WrenchSensor, or None")
         if sensor is not None and order is not None:
-            raise BadInput("order", f"{order!r} beside a sensor", "one of them", "Say it where the sensor is made.")
+            raise BadInput("order", f"{order!r} and a sensor", "one of them", "Give order= to the sensor.")
         self.task = task
         mid = middle(require_robot(robot))
         contact = task.contact_at(robot.pose(mid))
@@ -156,25 +150,23 @@ class HybridController:
         self.force_first = arrays.flag(force_first, "force_first")
         self.order = order_of(order)
         self._order = self.order if sensor is None else sensor.order
-        if self.loop.delay > MOST_TICKS * self.loop.dt:
-            raise BadInput("delay", f"{self.loop.delay:g} s", f"a dead time of at most {MOST_TICKS} ticks")
-        self.splits = KeptSplit(task, contact.kind)
-        cutoff, self._noise, self._drift = (inf, 0.0, DRIFT)
-        if sensor is not None:
-            cutoff, self._noise, self._drift = sensor.cutoff, sensor.noise, sensor.drift
-        retreats = task.on_overload == "retreat" or (task.on_overload is None and contact.kind.out is not None)
+        if self.loop.delay > MAX_DELAY_TICKS * self.loop.dt:
+            raise BadInput("delay", f"{self.loop.delay:g} s", f"a dead time of at most {MAX_DELAY_TICKS} ticks")
+        self.splits = SplitCache(task, contact.kind)
+        cutoff = inf if sensor is None else sensor.cutoff
+        fault_retreats = task.on_overload == "retreat" or (task.on_overload is None and contact.kind.out is not None)
         self._settings: dict[str, Any] = {
-            **{name: getattr(task, name) for name in OF_TASK},
+            **{name: getattr(task, name) for name in TASK_SETTINGS},
             "dt": self.loop.dt,
             "delay": self.loop.delay,
-            "noise": self._noise,
-            "drift": self._drift,
+            "noise": 0.0 if sensor is None else sensor.noise,
+            "drift": 0.0 if sensor is None else sensor.drift,
             "filter_share": 1.0 - exp(-2.0 * pi * cutoff * self.loop.dt),
             "filter_time": 0.0 if cutoff == inf else 1.0 / (2.0 * pi * cutoff),
             "stiffness": task.stiffness or 0.0,
             "lost_below": nan if task.lost_below is None else task.lost_below,
-            "on_loss": LOSSES.index(task.on_loss),
-            "fault_retreats": retreats,
+            "on_loss": ON_LOSS.index(task.on_loss),
+            "fault_retreats": fault_retreats,
             "tares": arrays.flag(tare, "tare") and sensor is not None,
             "sensor": None if sensor is None else sensor.fields(),
             "force_first": self.force_first,
@@ -185,8 +177,8 @@ class HybridController:
 
     @property
     def stiffness(self) -> float | None:
-        """Of the contact along its first constraint [force/length], as estimated; None where it is not known."""
-        k = self._memory.press.stiffness(0)
+        """Estimated stiffness of the contact along its first constraint [force/length]; None if not known."""
+        k = self._state.law.stiffness(0)
         return None if isnan(k) else k
 
     @property
@@ -195,27 +187,27 @@ class HybridController:
         return self.loop.robot
 
     @property
-    def room(self) -> float:
-        """Share of the joints' acceleration that noise in the force leaves to the motion."""
-        return float(self._memory.room)
+    def acceleration_share(self) -> float:
+        """Share of the joints' acceleration that noise of the force leaves to the motion."""
+        return float(self._state.acceleration_share)
 
     @property
-    def memory(self) -> Any:
-        """What it remembers between ticks beside its loop, a copy; it pickles, and may be set to one that was kept."""
-        return copy(self._memory)
+    def state(self) -> Any:
+        """A copy of the state between ticks, without that of `loop`; it pickles and may be set."""
+        return copy(self._state)
 
-    @memory.setter
-    def memory(self, value: Any) -> None:
+    @state.setter
+    def state(self, value: Any) -> None:
         if not isinstance(value, law.HybridState):
-            raise BadInput("memory", excerpt(value), "the memory of a HybridController")
-        self._memory = copy(value)
+            raise BadInput("state", excerpt(value), "the state of a HybridController")
+        self._state = copy(value)
 
     def __copy__(self) -> HybridController:
         return deepcopy(self)  # with a loop of its own
 
     def __deepcopy__(self, memo: dict[int, Any]) -> HybridController:
         other = object.__new__(type(self))
-        changes = ("loop", "_memory", "splits")
+        changes = ("loop", "_state", "splits")
         vars(other).update(vars(self), **{name: deepcopy(getattr(self, name), memo) for name in changes})
         return other
 
@@ -227,8 +219,8 @@ class HybridController:
         self._engine = law.Hybrid(self._settings)
 
     def reset(self) -> None:
-        """Forget an overload, a fault or a loss, and the readings: the state before the first touch."""
-        self._memory = law.HybridState()
+        """Return to the state before the first contact, without faults and readings."""
+        self._state = law.HybridState()
 
     def step(
         self,
@@ -245,110 +237,78 @@ class HybridController:
 
         Args:
             q: (m,) measured joint positions [rad, length].
-            target: wanted tool pose, as in `Controller.step`; only its part along S counts.
+            target: desired tool pose, as in `Controller.step`; only its part along S counts.
             wrench: the sensor's reading, or without a sensor the wrench that the tool exerts, base frame: a `Wrench`, a
-                `pinocchio.Force`, a `geometry_msgs/Wrench`, or six numbers where their order was said.
+                `pinocchio.Force`, a `geometry_msgs/Wrench`, or six numbers in the declared order.
             feedforward: (6,) twist of the target in the base frame; None is a target at rest.
-            contact: the contact now; None takes the task's.
+            contact: of this tick; None takes the task's.
             velocity: as in `Controller.step`.
-            wanted: what to exert in this tick, as `HybridTask.wrench`; None takes the task's.
+            wanted: the wrench to exert in this tick, as in `HybridTask`; None takes the task's.
             posture: as in `Controller.follow`.
 
         Raises:
-            BadInput: NaN or wrong shapes; the controller's state is as it was. In place of a reading with NaN give the
-                one before again; too often is a dead sensor's "fault".
+            BadInput: NaN or wrong shapes; the state is unchanged. Repeat the last reading instead of one with NaN.
         """
         task, loop, inner = self.task, self.loop, self.loop.in_engine
-        given, tool = task.contact if contact is None else contact, ANYWHERE
-        if not isinstance(given, Contact) or given.kind.presses == 0:
-            tool = self.robot.pose(q)
-        contact = contact_now(task, tool, contact)
+        given = task.contact if contact is None else contact
+        needs_tool = not isinstance(given, Contact) or given.kind.presses == 0
+        tool = self.robot.pose(q) if needs_tool else np.eye(4)
+        contact = task.contact_at(tool, contact)
         split = self.splits.at(contact, tool)
         plain = self._order is not None and are_numbers(wrench)
         reading = wrench if plain else wrench_of(wrench, self._order, "wrench")
-        first = plain and self._order == "force first"
+        force_first = plain and self._order == "force first"
         goal = target if isinstance(target, np.ndarray) else self.robot.target(target)
-        exert = None if wanted is None else split.wanted_now(wanted)
+        exert = None if wanted is None else split.desired_now(wanted)
         edge = nan if contact.edge is None else contact.edge
-        functions = inner.asked(q, goal)
+        states = self._state, inner.loop, inner.state
         place = self.splits.in_engine, contact.pose, edge
-        rest = feedforward, velocity, exert, posture, functions
+        rest = feedforward, velocity, exert, posture, inner.asked(q, goal)
         try:
-            found = self._engine.tick(self._memory, inner.loop, inner.state, *place, q, goal, reading, first, *rest)
+            found = self._engine.tick(*states, *place, q, goal, reading, force_first, *rest)
         except (ValueError, TypeError, AttributeError, ArithmeticError) as refusal:
             if isinstance(refusal, InvariantQPError) or inner.raised(refusal):
                 raise
             arrays.vector(reading, 6, "wrench")
             raise refused(loop, q, target, feedforward, velocity, {"posture": posture}, refusal) from None
-        if isinstance(found, float):
-            raise _turned(found)
-        fields, J, wrenches, pose, doubts = found
-        answer = inner.solution(fields)
-        if wrenches is None:  # the positions cannot be true, nor where wrenches act
+        if isinstance(found, float):  # a retreat along a normal that turned would press
+            raise BadInput(
+                "contact",
+                f"a normal that turned by {degrees(found):.0f} degrees within a tick",
+                "the outward normal of the surface that is pressed",
+                "Check the function that gives it; to press on another surface, `reset` first.",
+            )
+        fields, J, wrenches, pose, report = found
+        inside = inner.solution(fields)
+        if wrenches is None:  # the joint positions cannot be true
             none, unknown = np.zeros(6), np.full(6, nan)
-            parts = np.full(len(split.unit_parts), nan)
-            wrenches = none, none, unknown, unknown, parts, unknown
+            wrenches = none, none, unknown, unknown, np.full(len(split.unit_parts), nan), unknown
         elif pose is not None:
             contact = Contact(contact.kind, pose, contact.edge)
+        status, reason = inside.status, inside.reason
+        if report is not None or (status is Status.DEGRADED and no_motion(inside)):
+            status, reason = self._report(contact, messages.Report(*report or ()), inside)
         motion, force, measured, error, parts, exerted = wrenches
-        status, why = answer.status, answer.reason
-        if doubts is not None or (status is Status.DEGRADED and no_motion(answer)):
-            status, why = self._said(contact, doubts or UNDOUBTED, answer)
         return HybridSolution(
-            answer.velocity, status, why, motion, force, measured, error, parts, exerted, contact, answer, J
+            inside.velocity, status, reason, motion, force, measured, error, parts, exerted, contact, inside, J
         )
 
-    def _said(self, contact: Contact, doubts: tuple[Any, ...], inner: VelocitySolution) -> tuple[Status, str]:
-        """Status and reason of a tick, from what the engine doubts."""
-        action, reason, lost, flags, late, wanted, *_ = doubts
-        state = self._memory.press
-        status, why = self._stopped(contact, action, reason, wanted, lost=lost)
-        trouble = messages.doubts_of(flags, state, self._noise, self._drift, late, presses=contact.kind.presses > 0)
-        trouble += self._limited(contact, doubts)
-        if status is None and contact.edge is not None and contact.edge < self.task.edge_margin:
-            trouble.insert(0, f"{written(contact.edge)} before the edge of the surface")
-        law_status, reasons = inner.status, inner.reason
-        if no_motion(inner) and state.touching and state.still > 0.0 and not flags:
-            law_status, reasons = Status.OK, ""  # motors that give way stand still against their commands as they press
-        if trouble and law_status is not Status.HELD:
-            law_status = Status.DEGRADED
-        return status or law_status, "; ".join(words for words in (why, *trouble, reasons) if words)
-
-    def _stopped(
-        self, contact: Contact, action: int, reason: int, wanted: float, *, lost: bool
-    ) -> tuple[Status | None, str]:
-        """Status and reason where there is no contact, or the tool stands still or retreats; None in contact."""
-        state, edge = self._memory.press, contact.edge
-        if reason:
-            why = messages.stopped(reason, state, wanted, self._memory.at_once)
-            return messages.status_of(reason), why + (
-                messages.LEAVES if action == messages.RETREAT else messages.STANDS
-            )
-        if edge is not None and edge <= 0.0 and action != messages.HOLD:
-            return Status.LOST, f"{written(-edge)} beyond the edge of the surface: not pushing"
-        return (Status.LOST, messages.lost(state, self.task, action)) if lost else (None, "")
-
-    def _limited(self, contact: Contact, doubts: tuple[Any, ...]) -> list[str]:
-        """What lowers gains, and what the arm or a bound does not allow."""
-        *_, gain_scale, unreachable, gain = doubts
-        memory, loop, state = self._memory, self.loop, self._memory.press
-        trouble = []
-        if 0.0 < gain < loop.gain:
-            trouble.append(messages.late(state.lag - loop.delay, gain, loop.gain))
-        if gain_scale < 1.0:
-            trouble.append(messages.lowered(gain_scale, max(self._noise, state.noise)))
-        if unreachable > 0.0:
-            trouble.append(messages.unreachable(unreachable, len(loop.robot.names), contact.name))
-        if memory.normal_bound > 0.0:
-            trouble.append(messages.normal_bound(memory.normal_bound))
-        return trouble
-
-
-def _turned(angle: float) -> BadInput:
-    """A normal that turned within a tick presses where it should let go, and a retreat along it goes on pressing."""
-    return BadInput(
-        "contact",
-        f"a normal that turned by {degrees(angle):.0f} degrees within a tick",
-        "the outward normal of the surface that is pressed",
-        "Check the function that gives it; to press on another surface, `reset` first.",
-    )
+    def _report(self, contact: Contact, report: messages.Report, inside: VelocitySolution) -> tuple[Status, str]:
+        """Status and reason from the reports of the force law and of the velocity law."""
+        state, edge = self._state.law, inf if contact.edge is None else contact.edge
+        status, law_reason, stop = inside.status, inside.reason, ""
+        if no_motion(inside) and state.touching and state.time_at_rest > 0.0 and not report.warnings:
+            status, law_reason = Status.OK, ""  # compliant drives stand still against their commands as they press
+        reasons = messages.warnings_of(report, self._state, self.loop, self.sensor, contact)
+        is_beyond = edge <= 0.0 and report.action != messages.HOLD
+        if edge < self.task.edge_margin and not (report.fault or is_beyond or report.is_lost):
+            reasons.insert(0, f"{written(edge)} before the edge of the surface")
+        if reasons and status is not Status.HELD:
+            status = Status.DEGRADED
+        if report.fault:
+            status, stop = messages.status_of(report.fault), messages.fault_message(report, self._state)
+        elif is_beyond:
+            status, stop = Status.LOST, f"{written(-edge)} beyond the edge of the surface: not pushing"
+        elif report.is_lost:
+            status, stop = Status.LOST, messages.lost_message(report, state.airborne, self.task.on_loss)
+        return status, "; ".join(filter(None, (stop, *reasons, law_reason)))

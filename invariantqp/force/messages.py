@@ -1,138 +1,145 @@
-"""What the engine found in a press, in words: a reason with numbers, and doubts."""
+"""Messages of the force law and its monitor: faults with their numbers, and warnings."""
 
 from __future__ import annotations
 
 from math import degrees, inf
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from invariantqp.errors import written
 from invariantqp.velocity.solution import Status
 
 if TYPE_CHECKING:
-    from invariantqp.force.contact import HybridTask
+    from invariantqp.control.controller import Controller
+    from invariantqp.force.contact_kinds import Contact
+    from invariantqp.force.sensor import WrenchSensor
 
-# Actions, reasons and doubts of core/force.hpp, in its order.
+# Actions, faults and warnings of core/force.hpp, in its order.
 FOLLOW, APPROACH, HOLD, RETREAT = range(4)
-NONE, OVERLOAD, DEAD, PULLS, NO_RESPONSE, HELD_BACK, NOT_FOLLOWING, LOST, NO_CONTACT_WAY, NO_CONTACT_TIME = range(10)
-SWINGS, NOT_REACHED, NOISY, UNEXPLAINED, UNLOADING, TARING, NOT_TARED = (1 << k for k in range(7))
-LOST_REASONS = (NOT_FOLLOWING, LOST, NO_CONTACT_WAY, NO_CONTACT_TIME)
+NONE, OVERLOAD, STALE_SENSOR, TENSION, NO_RESPONSE, BLOCKED = range(6)
+NOT_FOLLOWING, LOST, NO_CONTACT_DISTANCE, NO_CONTACT_TIME = range(6, 10)
+OSCILLATES, NOT_REACHED, NOISY, UNRESPONSIVE, UNLOADING, TARING, TARE_IS_OLD = (1 << k for k in range(7))
 
-# What a user may have declared wrong of a sensor.
 DECLARED = "reads=, order=, mass= or bias="
-AT_ONCE = f", out of the air: the sensor's {DECLARED} is wrong, or something is in the way"
-NO_ANSWER = (
-    "the readings do not answer the motion: a sensor that is stuck, drifts, is not tared or declared wrong "
+NO_RESPONSE_CAUSES = (
+    "the readings do not respond to the motion: a sensor that is stuck, drifts, is not tared or declared wrong "
     f"({DECLARED}), a robot that stands still, or a surface that moves (yields=)"
 )
-GONE = "which has moved or stepped down by more than yields=, or the sensor reads too little"
-STANDS, LEAVES = ": standing still until reset", ": retreating"
 
 
-def stopped(reason: int, state: Any, wanted: float, at_once: bool) -> str:
-    """Why the tool stands still or retreats until reset.
+class Report(NamedTuple):
+    """The report of the engine about a tick; by default without a fault and a warning."""
 
-    Args:
-        reason: of the engine.
-        state: of the press.
-        wanted: press [force].
-        at_once: whether it was found out of the air.
-    """
-    a, b, c, d = state.numbers
+    action: int = FOLLOW
+    fault: int = NONE
+    is_lost: bool = False
+    warnings: int = 0  # flags
+    delay: float = 0.0  # of the whole loop [s]
+    desired: float = 0.0  # first unit part of the desired wrench [force]
+    gain_scale: float = 1.0  # of the force gain, below 1 for noise
+    unreachable: float = 0.0  # share of the motion along the contact that presses
+    motion_gain: float = 0.0  # [1/s]
+
+
+def fault_message(report: Report, state: Any) -> str:
+    """Why the tool stands still or retreats until reset, in the `HybridState` of a controller."""
+    a, b, c, d = state.law.numbers
     force = f"{written(a)} N of {written(b)}" if a > b else ""
     moment = f"{written(c)} N m of {written(d)}" if c > d else ""
-    came = f"told to come {written(a, 2)} nearer, the tool came {written(b, 2)}"
-    held = f"{written(b, 3)} of {written(c or wanted, 3)} N are"
-    answer = f"let go by {written(a, 2)}, {held} still read" if a else f"back where contact was felt, {held} read"
-    return {
-        OVERLOAD: " and ".join(filter(None, (force, moment))) + (AT_ONCE if at_once else ""),
-        DEAD: f"the reading has not changed for {written(a)} s: a dead sensor (one without noise: noise=0)",
-        PULLS: f"the reading says that the contact pulls with {written(a)} N: the sensor's {DECLARED} is wrong",
-        NO_RESPONSE: f"{answer}: {NO_ANSWER}",
-        HELD_BACK: f"{came}, and nothing is felt: something holds it, or the sensor is stuck",
-        NOT_FOLLOWING: f"{came}: the robot does not follow commands",
+    air = f" in the air: the sensor's {DECLARED} is wrong, or something is in the way" if state.fault_in_air else ""
+    approach = f"commanded {written(a, 2)} towards the contact, the tool moved {written(b, 2)}"
+    reading = f"{written(b, 3)} of {written(c or report.desired, 3)} N are"
+    response = f"unloaded by {written(a, 2)}, {reading} still read" if a else f"at the last contact {reading} read"
+    message = {
+        OVERLOAD: " and ".join(filter(None, (force, moment))) + air,
+        STALE_SENSOR: f"the reading has not changed for {written(a)} s: a dead sensor (one without noise: noise=0)",
+        TENSION: f"the reading says that the contact pulls with {written(a)} N: the sensor's {DECLARED} is wrong",
+        NO_RESPONSE: f"{response}: {NO_RESPONSE_CAUSES}",
+        BLOCKED: f"{approach} without contact: something blocks it, or the sensor is stuck",
+        NOT_FOLLOWING: f"{approach}: the robot does not follow commands",
         LOST: f"no contact for {written(a)} s",
-        NO_CONTACT_WAY: f"no contact within {written(a)} of approach",
+        NO_CONTACT_DISTANCE: f"no contact within {written(a)} of approach",
         NO_CONTACT_TIME: f"no contact within {written(a)} s of approach",
-    }[reason]
+    }[report.fault]
+    return message + (": retreating" if report.action == RETREAT else ": standing still until reset")
 
 
-def status_of(reason: int) -> Status:
-    """The status that goes with a reason."""
-    if reason in LOST_REASONS:
+def status_of(fault: int) -> Status:
+    """The status of a fault."""
+    if fault >= NOT_FOLLOWING:
         return Status.LOST
-    return Status.OVERLOAD if reason == OVERLOAD else Status.FAULT
+    return Status.OVERLOAD if fault == OVERLOAD else Status.FAULT
 
 
-def lost(state: Any, task: HybridTask, action: int) -> str:
-    """What is said while there is no contact."""
-    airborne = state.airborne
+def lost_message(report: Report, airborne: float, on_loss: str) -> str:
+    """The message of a lost contact, in the air for a time [s]."""
     if airborne == inf:
         return "no contact yet: approaching"
-    what = {APPROACH: ": approaching", HOLD: ": standing still"}.get(action, "")
-    if action == HOLD and task.on_loss == "approach":
-        what += f" where it was felt last, {GONE}"
-    return f"no contact for {written(airborne)} s{what if task.on_loss != 'continue' else ''}"
-
-
-def doubts_of(doubts: int, state: Any, declared_noise: float, drift: float, late: float, *, presses: bool) -> list[str]:
-    """What is in doubt of a press, in words.
-
-    Args:
-        doubts: flags.
-        state: of the press.
-        declared_noise: of a force component [force].
-        drift: of the sensor, as declared [force/s].
-        late: everything late [s].
-        presses: whether contact can be lost.
-    """
-    said, s = [], state
-    if doubts & NOISY:
-        said.append(f"readings have {written(s.noise, 2)} N of noise, {written(declared_noise, 2)} are told (noise=)")
-    if doubts & SWINGS:
-        said.append(
-            f"the press swings about {written(s.wanted, 3)} N with {written(1e3 * late, 2)} ms late in all; the force "
-            f"gain is lowered to {written(s.eased, 2)}"
+    what = {APPROACH: ": approaching", HOLD: ": standing still"}.get(report.action, "")
+    if report.action == HOLD and on_loss == "approach":
+        what += (
+            " at the last contact: the surface has moved or stepped down by more than yields=, or the sensor reads "
+            "too little"
         )
-    if doubts & NOT_REACHED:
-        long, mean = f"for {written(s.missed, 2)} s", s.mean
-        if presses:
-            said.append(f"the force is not reached: {written(mean, 3)} of {written(s.wanted, 3)} N {long}")
-        else:
-            said.append(f"force or moment is not reached: {written(100.0 * mean, 2)} % of an overload off {long}")
-    if doubts & UNLOADING:
-        said.append("the readings do not say what the way does: unloading to see whether they fall")
-    elif doubts & UNEXPLAINED:
-        said.append(f"the force does not answer the motion: it may be off by {written(s.unexplained, 2)} N")
-    if doubts & TARING:
-        said.append("the sensor reads a press from the start: unloading to tell a contact from a bias")
-    if doubts & NOT_TARED:
-        off = drift * s.age
-        said.append(f"not tared for {written(s.age, 2)} s: the press may be off by {written(off, 2)} N (drift=)")
-    return said
+    return f"no contact for {written(airborne)} s{what if on_loss != 'continue' else ''}"
 
 
-def late(later: float, gain: float, asked: float) -> str:
-    """Of commands that act so much later than declared [s], for which the motion's gain is lowered [1/s]."""
-    return (
-        f"commands act {written(1e3 * later, 3)} ms later than declared: give delay=, the motion's gain is "
-        f"{written(gain, 3)} instead of {written(asked, 3)} 1/s"
+def warnings_of(
+    report: Report, whole: Any, loop: Controller, sensor: WrenchSensor | None, contact: Contact
+) -> list[str]:
+    """The messages of the warnings of a tick, from the whole `HybridState` of a controller."""
+    state, flags = whole.law, report.warnings
+    found: list[str] = []
+    noise, drift = (0.0, 0.0) if sensor is None else (sensor.noise, sensor.drift)
+    off = f"for {written(state.time_off, 2)} s"
+
+    def add(is_true: Any, message: str) -> None:
+        if is_true:
+            found.append(message)
+
+    add(
+        flags & NOISY,
+        f"readings have {written(state.noise, 2)} N of noise, {written(noise, 2)} are declared (noise=)",
     )
-
-
-def lowered(gain_scale: float, noise: float) -> str:
-    """Of a force gain that is lowered to a share of itself for noise [force]."""
-    return (
-        f"{written(noise, 2)} N of noise would take the joints' acceleration: {written(gain_scale, 2)} of the force "
-        "gain is left; give the sensor a lower cutoff="
+    add(
+        flags & OSCILLATES,
+        f"the press oscillates about {written(state.desired, 3)} N with a delay of {written(1e3 * report.delay, 2)} ms "
+        f"in all; the force gain is lowered to {written(state.gain_scale, 2)}",
     )
-
-
-def unreachable(share: float, joints: int, contact: str) -> str:
-    """Of a share of the motion along a contact that so few joints turn into a press."""
-    part = f"{written(100.0 * share, 2)} % of the motion presses"
-    return f"{joints} joints cannot move the tool along this contact ({contact}): {part}"
-
-
-def normal_bound(bound: float) -> str:
-    """Of an estimated normal that the bound [rad] holds back."""
-    return f"the normal is {written(degrees(bound), 3)} deg off the declared one, the most that normal_within allows"
+    add(
+        flags & NOT_REACHED,
+        f"the force is not reached: {written(state.mean, 3)} of {written(state.desired, 3)} N {off}"
+        if contact.kind.presses
+        else f"force or moment is not reached: {written(100.0 * state.mean, 2)} % of an overload off {off}",
+    )
+    add(flags & UNLOADING, "the readings contradict the displacement: unloading to see whether they fall")
+    add(
+        flags & UNRESPONSIVE and not flags & UNLOADING,
+        f"the force does not respond to the motion: it may be off by {written(state.unexplained_force, 2)} N",
+    )
+    add(flags & TARING, "the sensor reads a press from the start: unloading to tell a contact from a bias")
+    add(
+        flags & TARE_IS_OLD,
+        f"not tared for {written(state.tare_age, 2)} s: the press may be off by "
+        f"{written(drift * state.tare_age, 2)} N (drift=)",
+    )
+    add(
+        0.0 < report.motion_gain < loop.gain,
+        f"commands act {written(1e3 * (state.lag - loop.delay), 3)} ms later than declared: give delay=, the motion's "
+        f"gain is {written(report.motion_gain, 3)} instead of {written(loop.gain, 3)} 1/s",
+    )
+    add(
+        report.gain_scale < 1.0,
+        f"{written(max(noise, state.noise), 2)} N of noise would take the joints' acceleration: "
+        f"{written(report.gain_scale, 2)} of the force gain is left; give the sensor a lower cutoff=",
+    )
+    add(
+        report.unreachable > 0.0,
+        f"{len(loop.robot.names)} joints cannot move the tool along this contact ({contact.name}): "
+        f"{written(100.0 * report.unreachable, 2)} % of the motion presses",
+    )
+    add(
+        whole.normal_bound > 0.0,
+        f"the normal is {written(degrees(whole.normal_bound), 3)} deg off the declared one, the most that "
+        "normal_within allows",
+    )
+    return found

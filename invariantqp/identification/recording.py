@@ -19,7 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtri
 
 from invariantqp.errors import BadInput, excerpt
-from invariantqp.force.sensor import WrenchSensor, load_of, wrench_of
+from invariantqp.force.sensor import WrenchSensor, load_of
+from invariantqp.force.wrench import wrench_of
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
@@ -165,7 +166,7 @@ def _wrenches(wrenches: Any, X: Array, exerts: bool, sensor: WrenchSensor | None
     w = np.array([wrench_of(reading, order, f"wrenches[{k}]") for k, reading in enumerate(readings)])
     if sensor is None:
         return w if exerts else -w
-    loads = np.array([load_of(sensor, a, pose.dot(sensor.mount)) for a, pose in zip(w, X, strict=True)])
+    loads = np.array([load_of(sensor, a, pose) for a, pose in zip(w, X, strict=True)])
     return matvec(coadjoint(sensor.mount), loads)
 
 

@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.control.controller import Controller
-from invariantqp.force.contact import contact_now
 from invariantqp.force.contact_kinds import Contact
 from invariantqp.force.control import HybridController, HybridSolution
-from invariantqp.force.sensor import Wrench
+from invariantqp.force.wrench import Wrench
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.paths.ahead import SHORTEST
@@ -98,7 +97,7 @@ class Pressed:
         """A tick from a time on, from q (m,) and the velocity (m,) before; `given` are wrench, contact and wanted."""
         hybrid, loop, curve = self.hybrid, self.controller, shape.given.curve
         wrench, contact, wanted = given
-        here = contact_now(hybrid.task, hybrid.robot.pose(q), contact)
+        here = hybrid.task.contact_at(hybrid.robot.pose(q), contact)
         if loop.limits.wrong(q):
             answer = hybrid.step(q, curve.pose(self._place), wrench, None, None, before, wanted)
             return self._told(answer, shape, answer.status, answer.reason, inf, "joint positions")
@@ -138,7 +137,7 @@ class Pressed:
         there = bool(plan.blocked) and not shape.back and plan.end - beside.place <= STOPPED * curve.end
         away = min(max((PUSHED - beside.off / loop.measure.length) / (PUSHED - AWAY), 0.0), 1.0)
         near = min(away, 1.0 / max(beside.strayed / (0.5 * STRAYED), 1.0))
-        share = 0.0 if why or there else near * override * (sqrt(hybrid.room) if override <= 1.0 else 1.0)
+        share = 0.0 if why or there else near * override * (sqrt(hybrid.acceleration_share) if override <= 1.0 else 1.0)
         rate_before = shape.rate(time)
         if rate_before != 0.0 or not why:
             shape.put(time, beside.place)
@@ -280,7 +279,7 @@ class PressedStream:
     def _track(self, q: Array, before: Array, contact: Contact | None) -> Tracking:
         """Where the arm is at q (m,), with the velocity (m,) before the tick."""
         hybrid, loop, tool = self.hybrid, self.controller, self.hybrid.robot.pose(q)
-        here = contact_now(hybrid.task, tool, contact) if self._contact is None else self._contact
+        here = hybrid.task.contact_at(tool, contact) if self._contact is None else self._contact
         sent = self._sent[0] if self._sent else q
         astray = joint_displacement(q, sent, loop.turns)
         way, projector = _along_contact(hybrid, loop, q, hybrid.robot.pose(sent), here)

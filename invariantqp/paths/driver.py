@@ -29,7 +29,7 @@ from invariantqp.engine import law
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.force.contact_kinds import Contact
 from invariantqp.force.control import HybridController
-from invariantqp.force.sensor import Wrench
+from invariantqp.force.wrench import Wrench
 from invariantqp.geometry import arrays, se3, sizes
 from invariantqp.geometry.arrays import Array
 from invariantqp.paths.contact import Pressed, PressedStream

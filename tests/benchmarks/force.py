@@ -318,7 +318,7 @@ def run(scene, dt, seconds, trace=0, *, c=None):
         if told.stopped == inf and (status in ("fault", "overload") or "until reset" in solution.reason):
             told.stopped, told.status, told.reason = t, status, solution.reason
         if trace and i % trace == 0:
-            known = loop.memory.press.bounds()
+            known = loop.state.law.bounds()
             print(
                 f"{t:8.3f} press {force:8.3f} read {read:8.3f} depth um {1e6 * depth:9.1f} k {known[0]:8.2g} {status:9s} {solution.reason[:110]}"
             )

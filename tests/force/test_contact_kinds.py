@@ -1,4 +1,4 @@
-"""Contacts: what moves is free, what presses does no work on it, in whatever frame they are told."""
+"""Contacts: what moves is free, what presses does no work on it, in whatever frame they are expressed."""
 
 import numpy as np
 import pytest
@@ -48,18 +48,18 @@ def test_every_contact_is_dual_by_construction(name):
 
 @settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 2**31), name=st.sampled_from(sorted(ALL)))
-def test_they_move_and_are_told_in_any_frame(seed, name):
+def test_contacts_move_and_are_relabelled_in_any_frame(seed, name):
     rng = np.random.default_rng(seed)
     contact, _ = ALL[name]
     T, X = motion(rng), motion(rng, 0.3)
     moved = contact.moved(T)
     np.testing.assert_allclose(moved.freedoms, iq.adjoint(T) @ contact.freedoms, atol=1e-12)
     np.testing.assert_allclose(moved.constraints, iq.coadjoint(T) @ contact.constraints, atol=1e-12)
-    told = contact.relabelled(X)  # the same twists in the base frame, told from elsewhere
-    np.testing.assert_allclose(told.freedoms, contact.freedoms, atol=1e-12)
-    np.testing.assert_allclose(told.constraints, contact.constraints, atol=1e-12)
-    np.testing.assert_allclose(told.point, contact.point, atol=1e-12)
-    np.testing.assert_allclose(told.pose, contact.pose @ X, atol=1e-15)
+    other = contact.relabelled(X)  # the same twists in the base frame
+    np.testing.assert_allclose(other.freedoms, contact.freedoms, atol=1e-12)
+    np.testing.assert_allclose(other.constraints, contact.constraints, atol=1e-12)
+    np.testing.assert_allclose(other.point, contact.point, atol=1e-12)
+    np.testing.assert_allclose(other.pose, contact.pose @ X, atol=1e-15)
 
 
 def random_contact(rng):
@@ -86,7 +86,7 @@ def random_split(rng, S):
 
 
 def test_no_power_leaks_over_random_contacts_and_frames():
-    """W'Ps = 0 for whatever twist, in whatever frame the contact is seen from."""
+    """W'P s = 0 for any twist s in any frame."""
     rng = np.random.default_rng(0)
     worst = 0.0
     for _ in range(repeats(1000, 100)):
@@ -142,7 +142,7 @@ def test_a_face_stays_on_its_plane():
 
 
 @pytest.mark.parametrize(("name", "pitch"), [("hinge", 0.0), ("screw", -0.02), ("slide", np.inf), ("slide", -np.inf)])
-def test_a_screw_is_called_what_it_is(name, pitch):
+def test_a_screw_has_its_name(name, pitch):
     assert iq.contacts.hinge([0.1, 0.2, 0.3], [0, 1, 1], pitch).name == name
 
 
@@ -167,10 +167,10 @@ def test_surfaces_that_are_not_flat():
         return p @ p - 1.0
 
     p = np.array([0.48, -0.6, 0.64])
-    told = iq.contacts.surface_contact(p, normal=lambda q: 3.0 * q)
+    exact = iq.contacts.surface_contact(p, normal=lambda q: 3.0 * q)
     found = iq.contacts.surface_contact(p, implicit=ball)
-    np.testing.assert_allclose(told.constraints[3:, 0], -p, atol=1e-15)
-    np.testing.assert_allclose(found.constraints, told.constraints, atol=1e-9)
+    np.testing.assert_allclose(exact.constraints[3:, 0], -p, atol=1e-15)
+    np.testing.assert_allclose(found.constraints, exact.constraints, atol=1e-9)
     assert iq.contacts.surface_contact(p, implicit=ball, slip=False).name == "rolling point"
 
 
@@ -208,7 +208,7 @@ def test_contacts_of_ones_own():
         (lambda: iq.contacts.ContactKind("x", np.ones((6, 2))), "freedoms"),
     ],
 )
-def test_what_is_no_contact(make, argument):
+def test_bad_contacts_are_refused(make, argument):
     with pytest.raises(iq.BadInput) as caught:
         make()
     assert caught.value.argument == argument

@@ -9,19 +9,9 @@ from support.spring_plane import DT, PANDA, SO101, Bench, carried, circle, gantr
 import invariantqp as iq
 
 
-@pytest.fixture(scope="module")
-def panda():
-    return iq.load_robot("panda")
-
-
-@pytest.fixture(scope="module")
-def so101():
-    return iq.load_robot("so101")
-
-
 @pytest.mark.parametrize("rule", [{}, {"h": 0.3}, {"metric": np.arange(1.0, 7.0)}])
 def test_neither_part_touches_the_other_in_any_tick(panda, rule):
-    """Joint velocities, limits not met: a step in force adds nothing along S, one in motion nothing in S*."""
+    """Within the limits a step in force adds nothing along S, one in motion nothing in S*."""
     task = pen(compliance=1e-3, **rule)  # a gain that depends on nothing that was felt before
     bench = Bench(panda, PANDA, task, depth=3e-4)
     path = circle(bench.start, 0.03, 2.0)
@@ -42,7 +32,6 @@ def test_neither_part_touches_the_other_in_any_tick(panda, rule):
 
 
 def test_five_joints_keep_the_two_apart_at_the_tip(so101):
-    """All six freedoms are not to be had with five joints; where the tip goes and how it presses are."""
     options = {"dt": 5e-3, "exact": "position"}
     task = pen(2.0, compliance=1e-3)
     bench = Bench(so101, SO101, task, stiffness=2e3, **options)
@@ -87,7 +76,7 @@ STEPS = ({}, {"press": 8.0}, {"aside": 0.005})
 
 
 def test_what_is_left_on_an_arm_is_the_tick(panda):
-    """Joint velocities are held for a tick while the Jacobian turns: of first order in dt or less, and nothing else."""
+    """The error is of first order in dt or less: joint velocities are constant in a tick while the Jacobian changes."""
     left = []
     for dt in (4e-3, 2e-3):
         plain, harder, aside = (stepped(panda, PANDA, dt, **s) for s in STEPS)

@@ -3,20 +3,10 @@
 import numpy as np
 import pytest
 from support.random_systems import motion
-from support.spring_plane import DT, PANDA, SO101, UP, Bench, carried, circle, gantry, pen, tip
+from support.spring_plane import DT, PANDA, SO101, UP, Bench, carried, circle, force_at, gantry, pen, tip
 from support.wrist import wrist
 
 import invariantqp as iq
-
-
-@pytest.fixture(scope="module")
-def panda():
-    return iq.load_robot("panda")
-
-
-@pytest.fixture(scope="module")
-def so101():
-    return iq.load_robot("so101")
 
 
 def rms_error(solutions, wanted):
@@ -45,7 +35,6 @@ def test_five_joints_draw_with_an_exact_position(so101, rule):
 
 
 def test_five_joints_keep_the_force_without_any_exact_demand(so101):
-    """The force part is met first; without that, it is weighed against an orientation that five joints cannot have."""
     errors = {}
     for first in (True, False):
         task = pen(2.0, compliance=5e-3)
@@ -73,22 +62,21 @@ def test_a_tilted_face_lies_down_and_is_wiped_along(panda):
 def test_a_door_is_moved_along_its_screw_and_pushed_no_other_way(panda):
     start = panda.pose(PANDA)
     post = start[:3, 3] + [0.0, 0.6, 0.0]
-    yields = iq.inverse(start)[:3, :3] @ (post - start[:3, 3])  # the hinge does, in the tool frame
-    task = iq.HybridTask(iq.contacts.hinge(post, UP), np.zeros(5), grip=yields)
-    loop, q = iq.HybridController(panda, task, dt=DT, order="moment first"), PANDA.copy()
-    twist = 0.2 * iq.revolute(UP, post)
-    for k in range(500):
-        target = iq.exp(k * DT * twist) @ start
-        reached = panda.pose(q)
-        # The frame of the door holds the tool where the hinge allows it, by a spring to the nearest opened pose.
-        angle = np.arctan2(*(reached[:3, :3] @ start[:3, :3].T)[[1, 0], [0, 0]])
-        off = iq.log(reached @ iq.inverse(iq.exp(angle * iq.revolute(UP, post)) @ start))
+    grip = iq.inverse(start)[:3, :3] @ (post - start[:3, 3])  # the hinge is compliant
+    task = iq.HybridTask(iq.contacts.hinge(post, UP), np.zeros(5), grip=grip)
+    hinge, angles = iq.revolute(UP, post), []
+
+    def world(pose):
+        """The door holds the tool by a spring to the nearest pose that the hinge allows."""
+        angles.append(np.arctan2(*(pose[:3, :3] @ start[:3, :3].T)[[1, 0], [0, 0]]))
+        off = iq.log(pose @ iq.inverse(iq.exp(angles[-1] * hinge) @ start))
         local = iq.adjoint(iq.inverse(task.contact.pose)) @ off
-        force = iq.coadjoint(task.contact.pose) @ (np.array([200, 200, 200, 1e4, 1e4, 1e4]) * local)
-        solution = loop.step(q, target, force, twist)
-        q = q + DT * solution.velocity
-    assert angle == pytest.approx(0.1, abs=1e-3)
-    assert np.abs(solution.intensities).max() < 0.5
+        return iq.coadjoint(task.contact.pose) @ (np.array([200, 200, 200, 1e4, 1e4, 1e4]) * local)
+
+    bench = Bench(panda, PANDA, task, world=world)
+    solutions = bench.run(500, lambda t: (iq.exp(0.2 * t * hinge) @ start, 0.2 * hinge))
+    assert angles[-1] == pytest.approx(0.1, abs=1e-3)
+    assert np.abs(solutions[-1].intensities).max() < 0.5
     with pytest.raises(iq.BadInput, match="a hinge and a retreat"):
         iq.HybridTask(iq.contacts.hinge(post, UP), np.zeros(5), on_overload="retreat")
 
@@ -100,24 +88,21 @@ def test_a_pen_follows_a_sphere(panda):
     def ball(tool):
         return iq.contacts.surface_contact(tool[:3, 3], normal=lambda p: p - centre)
 
-    loop, q, presses = iq.HybridController(panda, pen(contact=ball), dt=DT, order="moment first"), PANDA.copy(), []
-    path = circle(start, 0.05, 2.0)
-    for k in range(1500):
-        p = panda.pose(q)[:3, 3]
-        n = (p - centre) / np.linalg.norm(p - centre)
-        f = -n * 1e4 * max(0.0, radius - np.linalg.norm(p - centre))
-        solution = loop.step(q, path(k * DT)[0], np.concatenate((np.cross(p, f), f)), path(k * DT)[1])
-        q = q + DT * solution.velocity
-        presses.append(solution.intensities[0])
+    def world(tool):
+        away, distance = tool[:3, 3] - centre, np.linalg.norm(tool[:3, 3] - centre)
+        return force_at(tool[:3, 3], -1e4 * max(0.0, radius - distance) * away / distance)
+
+    bench = Bench(panda, PANDA, pen(contact=ball), world=world)
+    presses = [s.intensities[0] for s in bench.run(1500, circle(start, 0.05, 2.0))]
     np.testing.assert_allclose(presses[600:], 5.0, atol=0.25)
-    assert panda.pose(q)[2, 3] < start[2, 3] - 0.005  # it has gone down the side
+    assert panda.pose(bench.q)[2, 3] < start[2, 3] - 0.005  # it has gone down the side
 
 
 @pytest.mark.parametrize(
     ("share", "settles", "overshoots"), [(0.5, True, False), (1.5, True, True), (2.1, False, True)]
 )
-def test_the_stability_limit_is_where_it_is_said_to_be(share, settles, overshoots):
-    """dt c k: no overshoot below 1, no rest above 2."""
+def test_the_stability_limit_of_a_fixed_compliance(share, settles, overshoots):
+    """dt c k: no overshoot below 1, unstable above 2."""
     stiffness, dt = 1e4, 5e-3
     task = pen(compliance=share / (dt * stiffness))
     bench = Bench(gantry(), np.zeros(6), task, depth=4e-4, dt=dt, stiffness=stiffness, joint_metric=np.ones(6))
@@ -126,7 +111,7 @@ def test_the_stability_limit_is_where_it_is_said_to_be(share, settles, overshoot
     assert (presses.max() > 5.0 + 1e-9) == overshoots
 
 
-def test_limits_slow_the_path_down_before_they_let_go_of_the_force(panda):
+def test_limits_slow_the_path_down_before_they_change_the_force(panda):
     errors = {}
     for first in (True, False):
         bench = Bench(panda, PANDA, pen(), depth=5e-4, force_first=first)
@@ -140,7 +125,7 @@ def test_limits_slow_the_path_down_before_they_let_go_of_the_force(panda):
 
 
 @pytest.mark.parametrize("rule", [{}, {"h": 0.3}, {"metric": np.arange(1.0, 7.0)}])
-def test_what_is_reported_is_what_the_projectors_in_the_base_frame_make(panda, rule):
+def test_the_solution_agrees_with_projectors_in_the_base_frame(panda, rule):
     loop = iq.HybridController(
         panda, pen(slide_speed=np.inf, **{"compliance": 1e-3, **rule}), dt=DT, order="moment first", gain=10.0
     )
@@ -178,7 +163,7 @@ TENSOR = np.diag([0.4, 0.4, 0.2, 1e-3, 2e-3, 1e-3]) + 1e-5
 
 @pytest.mark.parametrize("name", KINDS)
 @pytest.mark.parametrize("rule", ["compliance", "h", "metric", "complement"])
-def test_a_task_told_in_other_frames_is_the_same_task(panda, name, rule):
+def test_a_task_in_other_frames_is_the_same_task(panda, name, rule):
     rng = np.random.default_rng(len(name))
     contact, wrench = KINDS[name]
     n = contact.constraints.shape[1]
@@ -192,14 +177,14 @@ def test_a_task_told_in_other_frames_is_the_same_task(panda, name, rule):
     felt, target = rng.normal(size=6), iq.exp(0.01 * rng.normal(size=6)) @ panda.pose(PANDA)
     plain = iq.HybridController(panda, task, dt=DT, order="moment first", gain=5.0).step(PANDA, target, felt)
     other = iq.HybridController(panda.with_tool(Y), task.relabelled(X, Y), dt=DT, order="moment first", gain=5.0)
-    told = other.step(PANDA, target @ Y, felt)
-    np.testing.assert_allclose(told.velocity, plain.velocity, atol=1e-9 * (1 + np.abs(plain.velocity).max()))
-    np.testing.assert_allclose(told.error, plain.error, atol=1e-10)
-    np.testing.assert_allclose(told.wanted, plain.wanted, atol=1e-10)
-    np.testing.assert_allclose(told.contact.point, plain.contact.point, atol=1e-12)
+    moved = other.step(PANDA, target @ Y, felt)
+    np.testing.assert_allclose(moved.velocity, plain.velocity, atol=1e-9 * (1 + np.abs(plain.velocity).max()))
+    np.testing.assert_allclose(moved.error, plain.error, atol=1e-10)
+    np.testing.assert_allclose(moved.wanted, plain.wanted, atol=1e-10)
+    np.testing.assert_allclose(moved.contact.point, plain.contact.point, atol=1e-12)
 
 
-def test_torques_exert_the_wanted_wrench(panda):
+def test_torques_exert_the_desired_wrench(panda):
     solution = Bench(panda, PANDA, pen()).tick()
     p = panda.pose(PANDA)[:3, 3]
     np.testing.assert_allclose(solution.wanted, [*np.cross(p, -5.0 * UP), 0.0, 0.0, -5.0], atol=1e-12)
@@ -213,10 +198,12 @@ def test_a_wrench_in_the_contacts_frame_is_the_same_as_its_parts(panda):
 
 
 def test_the_contact_of_a_tick_may_be_given(panda):
-    told = iq.HybridController(panda, pen(), dt=DT, order="moment first").step(
+    solution = iq.HybridController(panda, pen(), dt=DT, order="moment first").step(
         PANDA, panda.pose(PANDA), np.zeros(6), contact=iq.point_contact(panda.pose(PANDA)[:3, 3], [0, 1, 1])
     )
-    np.testing.assert_allclose(told.force[3:] / np.linalg.norm(told.force[3:]), -np.sqrt([0, 0.5, 0.5]), atol=1e-12)
+    np.testing.assert_allclose(
+        solution.force[3:] / np.linalg.norm(solution.force[3:]), -np.sqrt([0, 0.5, 0.5]), atol=1e-12
+    )
     everything = iq.contacts.face_contact([0, 0, 0], UP, slip=False)
     with pytest.raises(iq.BadInput, match="found 1 number;"):
         iq.HybridController(panda, pen(), dt=DT, order="moment first").step(
@@ -225,7 +212,6 @@ def test_the_contact_of_a_tick_may_be_given(panda):
 
 
 def test_a_normal_that_flips_while_it_is_pressed_is_refused_before_anything_moves(panda):
-    """Its retreat would press on: 20 mm of 1e4 N/m are 200 N."""
     inward = iq.point_contact([0.4, 0.0, 0.4], -UP)
     bench = Bench(panda, PANDA, pen(), depth=5e-4)
     bench.run(200)
@@ -261,7 +247,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("argument", REFUSED)
-def test_a_refused_tick_leaves_filter_and_watch_as_they_were(panda, argument):
+def test_a_refused_tick_leaves_filter_and_monitor_unchanged(panda, argument):
     sensor = wrist(cutoff=5.0, reads="action", gravity=(0, 0, 0))
 
     def readings(k):
@@ -321,27 +307,26 @@ def test_a_pitch_that_no_contact_of_this_kind_has_is_refused_when_the_task_is_ma
         iq.HybridController(panda, iq.HybridTask(lambda tool: tool, [5.0]), dt=DT, order="moment first")
 
 
-def test_a_path_that_limits_hold_up_is_no_ok():
+def test_a_path_held_up_by_limits_is_not_ok():
     """A pen is drawn against the end of a slide, under its force."""
     arm = gantry()
     short = iq.robots.Chain(arm.screws, arm.home, position_lower=-1.0, position_upper=[0.02, 1, 1, 1, 1, 1])
     bench = Bench(short, np.zeros(6), pen(), depth=5e-4, dt=2e-3)
-    said = []
+    reports = []
     for k in range(1500):
         target, ahead = bench.start.copy(), np.array([0.0, 0.0, 0.0, 0.03, 0.0, 0.0])
         target[0, 3] += 0.03 * 2e-3 * k
-        said.append(bench.tick(target, ahead))
-    assert {s.status for s in said[:300]} == {"ok"}
-    assert said[-1].intensities[0] == pytest.approx(5.0, rel=0.01)
-    assert said[-1].status == "limited"
-    assert "at the limits of joint 0" in said[-1].reason
+        reports.append(bench.tick(target, ahead))
+    assert {s.status for s in reports[:300]} == {"ok"}
+    assert reports[-1].intensities[0] == pytest.approx(5.0, rel=0.01)
+    assert reports[-1].status == "limited"
+    assert "at the limits of joint 0" in reports[-1].reason
 
 
-def test_rows_that_say_the_same_twice_do_not_stop_a_tool_at_rest():
-    """The tip and the press of five joints: what is asked of them at last is less than the rounding of what turns."""
+def test_duplicate_rows_do_not_stop_a_tool_at_rest():
     bench = Bench(iq.load_robot("so101"), SO101, pen(stiffness=1e4), dt=2e-3, depth=-1e-4, exact="position")
     target = bench.start.copy()
     target[:3, 3] += [0.002, -0.003, 0.0]
-    told = bench.run(3000, lambda t: (target, None))
-    assert not any("cannot keep the direction" in s.reason for s in told[100:])
+    solutions = bench.run(3000, lambda t: (target, None))
+    assert not any("cannot keep the direction" in s.reason for s in solutions[100:])
     assert bench.wrench()[5] == pytest.approx(-5.0, rel=1e-11)

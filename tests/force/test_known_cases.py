@@ -2,12 +2,12 @@
 
 Reports: fzi-forschungszentrum-informatik/cartesian_controllers, issues 31, 73 and 178. And the hybrid tests of
 isaac-sim/IsaacLab (test_operational_space.py), three of which its pull request 7854 keeps as expected failures, since
-motion and force are coupled there: targets that jump along a wall, other gains, a slope told in its own frame.
+motion and force are coupled there: targets that jump along a wall, other gains, a slope in its own frame.
 """
 
 import numpy as np
 import pytest
-from support.spring_plane import UP, tip
+from support.spring_plane import UP, force_at, tip
 
 import invariantqp as iq
 
@@ -46,7 +46,7 @@ def test_a_press_straight_down_does_not_drift_sideways(gap):
 
 
 def test_a_tool_does_not_slide_off_the_box_it_presses_on():
-    # 2 mm to the edge, no friction, a normal told wrong.
+    # 2 mm to the edge, no friction, a normal declared wrong.
     aside, press, solution = pressed(0.001, box=0.002, tilt=np.deg2rad(5.0))
     assert np.abs(aside).max() < 1e-4
     assert press[-100:].mean() * np.cos(np.deg2rad(5.0)) == pytest.approx(4.0, rel=0.02)
@@ -86,10 +86,9 @@ def test_targets_that_jump_along_a_wall_do_not_change_the_press(case):
         press = []
         for _ in range(300):
             p = robot.pose(q)[:3, 3]
-            f = STIFFNESS * max(0.0, float(into @ (p - foot))) * into
-            solution = loop.step(q, target, np.concatenate((np.cross(p, f), f)), wanted=[wanted])
+            press.append(STIFFNESS * max(0.0, float(into @ (p - foot))))
+            solution = loop.step(q, target, force_at(p, press[-1] * into), wanted=[wanted])
             q = q + DT * solution.velocity
-            press.append(float(into @ f))
         # Half a metre at once, and the press is off by a quarter at most while the joints are as fast as they can.
         assert max(press) < 1.25 * max(wanted, before)
         assert press[-1] == pytest.approx(wanted, rel=5e-3)

@@ -1,4 +1,4 @@
-"""Commands that act later than was told: found in the joints' answers to the first of them, in any contact."""
+"""Commands that act later than declared: measured from the joints after the first of them, in any contact."""
 
 import re
 from collections import deque
@@ -14,8 +14,7 @@ DT = 0.002
 
 
 @pytest.mark.parametrize(("delay", "off"), [(0.04, 1e-3), (0.05, 1.5e-3)])
-def test_the_motion_of_an_arm_that_is_late_untold_does_not_swing(delay, off):
-    """A circle of 60 mm: with the gain for no delay the tool went to and fro by 38 to 78 mm, up to an overload."""
+def test_motion_with_an_undeclared_delay_does_not_oscillate(delay, off):
     robot, q = iq.load_robot("panda"), PANDA.copy()
     start, errors, presses, late = robot.pose(q), [], [], deque([np.zeros(7)] * round(delay / DT))
     loop = iq.HybridController(robot, pen(10.0), dt=DT, order="moment first")  # of gain 50/s
@@ -39,8 +38,7 @@ def test_the_motion_of_an_arm_that_is_late_untold_does_not_swing(delay, off):
     assert "instead of 50 1/s" in solution.reason
 
 
-def test_a_screw_held_by_an_arm_that_is_late_untold_is_found_without_an_approach():
-    """1e4 N/m behind 50 ms: 63 N before, and an overload."""
+def test_an_undeclared_delay_on_a_screw_is_measured_without_an_approach():
     robot, q, late = gantry(), np.zeros(6), deque([np.zeros(6)] * 25)
     task = iq.HybridTask(iq.contacts.hinge(np.zeros(3), UP, 0.01), [0.0] * 5)
     loop, forces = iq.HybridController(robot, task, dt=DT, order="moment first"), []
@@ -48,11 +46,11 @@ def test_a_screw_held_by_an_arm_that_is_late_untold_is_found_without_an_approach
     for k in range(1000):
         turn = 0.5 * (1.0 - np.cos(2.0 * k * DT))
         tool = robot.pose(q)
-        told = iq.exp(turn * twist)
+        target = iq.exp(turn * twist)
         # held to its screw in all other directions
         along = float(iq.log(tool) @ twist) / float(twist @ twist)
         wrench = 1e4 * np.repeat([5e-3, 1.0], 3) * (iq.log(tool) - along * twist)
-        solution = loop.step(q, told, wrench, np.sin(2.0 * k * DT) * twist)
+        solution = loop.step(q, target, wrench, np.sin(2.0 * k * DT) * twist)
         late.append(solution.velocity)
         q = q + DT * late.popleft()
         forces.append(np.linalg.norm(wrench[3:]))
@@ -62,6 +60,6 @@ def test_a_screw_held_by_an_arm_that_is_late_untold_is_found_without_an_approach
     assert abs(along - turn) < 0.1
 
 
-def test_a_delay_too_small_to_swing_changes_no_gain():
+def test_a_small_delay_changes_no_gain():
     run = press_on_plane(10.0, delay=0.01, seconds=0.6)
     assert "later than declared" not in " ".join(s.reason for s in run.solutions)

@@ -15,10 +15,10 @@ SCENES = Path(__file__).parents[2] / "examples" / "shared" / "contact_scenes.py"
 PRESS = 10.0
 
 
-def pressed(tmp_path, dt, seconds, reads=None, speed=0.0, stands=(np.inf, np.inf), *, told=True, **options):
+def pressed(tmp_path, dt, seconds, reads=None, speed=0.0, stands=(np.inf, np.inf), *, is_commanded=True, **options):
     """The true press of each tick [N] and its solution; the arm stands from stands[0] to stands[1] [s].
 
-    `reads` is what the sensor reads from 2 s on; unless `told` nothing new is read meanwhile.
+    `reads` is what the sensor reads from 2 s on; unless `is_commanded` no reading changes meanwhile.
     """
     file = tmp_path / "gantry.xml"
     file.write_text(GANTRY)
@@ -29,16 +29,16 @@ def pressed(tmp_path, dt, seconds, reads=None, speed=0.0, stands=(np.inf, np.inf
     model = mujoco.MjModel.from_xml_string(GANTRY)
     model.opt.gravity[:] = 0.0
     data, random, command, force = mujoco.MjData(model), np.random.default_rng(1), np.zeros(6), np.zeros(6)
-    start, press, presses, said = robot.pose(np.zeros(6)), 0.0, [], []
+    start, press, presses, reports = robot.pose(np.zeros(6)), 0.0, [], []
     for k in range(round(seconds / dt)):
         t = k * dt
-        if told or not stands[0] <= t < stands[1]:
+        if is_commanded or not stands[0] <= t < stands[1]:
             q = data.qpos.copy()
         read = press if reads is None or t < 2.0 else reads
         turn, target, ahead = robot.pose(q)[:3, :3], start.copy(), np.zeros(6)
         target[0, 3] += speed * max(0.0, t - 2.0)
         ahead[3] = speed * (t > 2.0)
-        if told or not stands[0] <= t < stands[1]:
+        if is_commanded or not stands[0] <= t < stands[1]:
             reading = np.concatenate((turn.T @ [0.0, 0.0, read] + random.normal(0.0, 0.1, 3), np.zeros(3)))
         solution = loop.step(q, target, reading, ahead)
         for _ in range(round(dt / model.opt.timestep)):
@@ -50,14 +50,14 @@ def pressed(tmp_path, dt, seconds, reads=None, speed=0.0, stands=(np.inf, np.inf
             mujoco.mj_contactForce(model, data, c, force)
             press += force[0]
         presses.append(press)
-        said.append(solution)
-    return np.array(presses), said
+        reports.append(solution)
+    return np.array(presses), reports
 
 
 @pytest.mark.parametrize("dt", [0.002, 0.01])
 def test_a_press_is_held(tmp_path, dt):
-    presses, said = pressed(tmp_path, dt, 5.0)
-    assert {str(one.status) for one in said} == {"lost", "ok"}
+    presses, reports = pressed(tmp_path, dt, 5.0)
+    assert {str(one.status) for one in reports} == {"lost", "ok"}
     assert presses.max() < 1.2 * PRESS
     assert presses[-round(1.5 / dt) :] == pytest.approx(PRESS, abs=0.02 * PRESS)
 
@@ -65,15 +65,15 @@ def test_a_press_is_held(tmp_path, dt):
 @pytest.mark.parametrize("dt", [0.002, 0.01])
 @pytest.mark.parametrize("share", [0.5, 0.9, 1.1, 1.9])
 def test_a_reading_that_sticks_is_a_fault_before_it_presses_much_harder(tmp_path, share, dt):
-    presses, said = pressed(tmp_path, dt, 8.0, reads=share * PRESS)
-    assert said[-1].status == "fault"
+    presses, reports = pressed(tmp_path, dt, 8.0, reads=share * PRESS)
+    assert reports[-1].status == "fault"
     assert presses.max() < 4.0 * PRESS
 
 
 @pytest.mark.parametrize("dt", [0.002])
-def test_what_chatters_is_held_in_its_mean(tmp_path, dt):
-    presses, said = pressed(tmp_path, dt, 8.0, speed=0.02)
-    assert {"fault", "overload"}.isdisjoint(str(one.status) for one in said)
+def test_a_chattering_contact_is_held_in_its_mean(tmp_path, dt):
+    presses, reports = pressed(tmp_path, dt, 8.0, speed=0.02)
+    assert {"fault", "overload"}.isdisjoint(str(one.status) for one in reports)
     assert np.mean(presses[-round(4.0 / dt) :]) == pytest.approx(PRESS, rel=0.2)
 
 
@@ -83,10 +83,10 @@ def test_what_chatters_is_held_in_its_mean(tmp_path, dt):
 )
 def test_an_arm_that_stands_for_a_while_goes_on_without_a_fault(tmp_path, dt, stands, speed):
     """Stopped on its way to the surface, at rest on it, and on its way along it."""
-    presses, said = pressed(tmp_path, dt, 7.5, speed=speed, stands=stands, acceleration_limit=2.0)
+    presses, reports = pressed(tmp_path, dt, 7.5, speed=speed, stands=stands, acceleration_limit=2.0)
     release = round(np.ceil(stands[1] / dt - 1e-9))
-    assert {"fault", "overload"}.isdisjoint(str(one.status) for one in said)
-    moved = np.array([one.velocity for one in said]) * (np.arange(len(said)) >= release)[:, None]
+    assert {"fault", "overload"}.isdisjoint(str(one.status) for one in reports)
+    moved = np.array([one.velocity for one in reports]) * (np.arange(len(reports)) >= release)[:, None]
     # An approach at 4 mm/s is too slow to tell a stop from friction: it goes on at its speed.
     assert np.abs(np.diff(moved[: release + 20], axis=0)).max() < max(1.001 * 2.0 * dt, 0.005)
     # Sliding, it catches up, and this contact chatters.
@@ -95,17 +95,15 @@ def test_an_arm_that_stands_for_a_while_goes_on_without_a_fault(tmp_path, dt, st
 
 
 @pytest.mark.parametrize("dt", [0.002, 0.01, 0.033])
-def test_readings_that_stand_with_the_arm_are_of_no_dead_sensor(tmp_path, dt):
-    """As where one driver tells joint positions and wrench, and is paused."""
-    presses, said = pressed(tmp_path, dt, 6.0, stands=(3.0, 4.0), told=False, acceleration_limit=2.0)
-    assert {"fault", "overload"}.isdisjoint(str(one.status) for one in said)
+def test_constant_readings_of_an_arm_at_rest_are_no_stale_sensor(tmp_path, dt):
+    presses, reports = pressed(tmp_path, dt, 6.0, stands=(3.0, 4.0), is_commanded=False, acceleration_limit=2.0)
+    assert {"fault", "overload"}.isdisjoint(str(one.status) for one in reports)
     assert presses[-round(1.0 / dt) :] == pytest.approx(PRESS, rel=0.1)
 
 
 @pytest.mark.cases(1)
 @pytest.mark.parametrize("arm", ["panda", "ur5", "xarm7"])
 def test_a_normal_declared_5_degrees_wrong_does_not_stop_the_slide(arm):
-    """At the start of the slide it stopped, "the force does not answer the motion": off by 1.4 to 26 mm."""
     from support.arms import ready
 
     from invariantqp.robots.load import urdf_of
@@ -131,7 +129,7 @@ def test_a_normal_declared_5_degrees_wrong_does_not_stop_the_slide(arm):
         measured = plant.measure()
         solution = loop.step(measured.q, target, measured.wrench, ahead)
         plant.command(solution.velocity)
-        assert "does not answer" not in solution.reason
+        assert "does not respond" not in solution.reason
         off = max(off, scene.off(now.pose, target)) if since > 1.5 else off
     assert since > seconds
     assert off < 1e-3

@@ -1,4 +1,4 @@
-"""A normal told wrong is found from motion: with friction, within a bound that is told."""
+"""A normal declared wrong is estimated from motion, with friction, within a bound."""
 
 import numpy as np
 import pytest
@@ -7,11 +7,6 @@ from support.spring_plane import PANDA, UP, circle, pen, tip
 import invariantqp as iq
 
 DT, STIFFNESS = 0.004, 1e4
-
-
-@pytest.fixture(scope="module")
-def panda():
-    return iq.load_robot("panda")
 
 
 def drawn(robot, degrees, friction, seconds=3.5, **options):
@@ -37,18 +32,18 @@ def drawn(robot, degrees, friction, seconds=3.5, **options):
 
 
 @pytest.mark.parametrize(("degrees", "friction"), [(10.0, 0.3)])
-def test_a_normal_told_wrong_is_found_with_friction(panda, degrees, friction):
-    told, errors, _ = drawn(panda, degrees, friction, max_force=20.0, yields=0.1)  # more than a usual slope
+def test_a_normal_declared_wrong_is_estimated_with_friction(panda, degrees, friction):
+    declared, errors, _ = drawn(panda, degrees, friction, max_force=20.0, yields=0.1)  # more than a usual slope
     angles, better, solution = drawn(panda, degrees, friction, normal_within=0.3, max_force=20.0)
     settled = slice(round(2.0 / DT), None)
-    np.testing.assert_allclose(told, degrees, atol=1e-9)
+    np.testing.assert_allclose(declared, degrees, atol=1e-9)
     assert angles[settled].max() < 0.3 * degrees
     assert np.std(better[settled]) < 0.5 * np.std(errors[settled])
     assert better.max() <= errors.max()  # the touch is no harder for it
     assert solution.status == "ok"
 
 
-def test_a_true_normal_stays_and_the_bound_holds_and_is_told(panda):
+def test_a_true_normal_stays_and_the_bound_holds_and_is_reported(panda):
     angles, _, _ = drawn(panda, 0.0, 0.3, seconds=2.5, normal_within=0.3)
     assert 0.0 < angles[round(2.0 / DT) :].max() < 1.0  # the sensor's noise over a millimetre of way
     bound = np.deg2rad(4.0)

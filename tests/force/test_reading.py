@@ -13,7 +13,7 @@ from support.wrist import wrist
 
 import invariantqp as iq
 from invariantqp.contacts import Contact, ContactKind
-from invariantqp.force.sensor import wrench_of
+from invariantqp.force.wrench import wrench_of
 
 M, F = [0.1, -0.2, 0.3], [4.0, 5.0, -6.0]
 
@@ -40,11 +40,11 @@ NAMED = {
 
 @pytest.mark.parametrize("kind", NAMED)
 @pytest.mark.parametrize("order", [None, "moment first", "force first"])
-def test_names_say_the_order_whatever_the_word(kind, order):
+def test_named_parts_need_no_order(kind, order):
     np.testing.assert_array_equal(wrench_of(NAMED[kind], order, "wrench"), M + F)
 
 
-def test_a_word_says_the_order_of_numbers_and_no_word_refuses_them():
+def test_plain_numbers_need_an_order():
     np.testing.assert_array_equal(wrench_of(M + F, "moment first", "wrench"), M + F)
     np.testing.assert_array_equal(wrench_of(F + M, "force first", "wrench"), M + F)
     np.testing.assert_array_equal(wrench_of(array("d", F + M), "force first", "wrench"), M + F)  # a field of ROS 2
@@ -54,24 +54,24 @@ def test_a_word_says_the_order_of_numbers_and_no_word_refuses_them():
 
 
 @pytest.mark.parametrize("reading", ["4", 4.0, None, {"force": F}, np.zeros(5), {"force": F, "torque": [1, 2]}])
-def test_what_is_no_wrench_is_told(reading):
+def test_bad_wrenches_are_refused(reading):
     with pytest.raises(iq.BadInput, match=r"^wrench: found "):
         wrench_of(reading, "force first", "wrench")
 
 
-def test_every_way_into_a_controller_asks_for_the_order():
+def test_every_argument_with_plain_numbers_needs_the_order():
     panda = iq.load_robot("panda")
     loop = iq.HybridController(panda, pen(), dt=DT)
-    with pytest.raises(iq.BadInput, match="order is not said"):
+    with pytest.raises(iq.BadInput, match="without a declared order"):
         loop.step(PANDA, panda.pose(PANDA), np.zeros(6))
     assert loop.step(PANDA, panda.pose(PANDA), iq.Wrench(moment=[0, 0, 0], force=[0, 0, 0])).status == "lost"
-    with pytest.raises(iq.BadInput, match="order is not said"):
+    with pytest.raises(iq.BadInput, match="without a declared order"):
         pen().relabelled().__class__(pen().contact, np.arange(6.0))
-    with pytest.raises(iq.BadInput, match="order is not said"):
+    with pytest.raises(iq.BadInput, match="without a declared order"):
         wrist(order=None, bias=np.arange(6.0))
     with pytest.raises(iq.BadInput, match=r"^order: found 'force'"):
         wrist(order="force")
-    with pytest.raises(iq.BadInput, match=r"^order: found 'force first' beside a sensor"):
+    with pytest.raises(iq.BadInput, match=r"^order: found 'force first' and a sensor"):
         iq.HybridController(panda, pen(), dt=DT, sensor=wrist(), order="force first")
     with pytest.raises(TypeError):
         iq.WrenchSensor(np.eye(4))
@@ -95,14 +95,14 @@ def test_both_orders_of_the_same_readings_are_the_same_wrench(seed, reads):
 @pytest.mark.parametrize("order", ["moment first", "force first"])
 @pytest.mark.parametrize("reads", ["reaction", "action"])
 @pytest.mark.parametrize("turn", [0.0, 1.0])
-def test_free_air_tells_order_sign_weight_and_mount(order, reads, turn):
+def test_order_sign_weight_and_mount_are_found_in_free_air(order, reads, turn):
     rng = np.random.default_rng(3)
     mount = motion(rng, 0.2)
     true = wrist(mount, order=order, reads=reads, mass=0.7, centre=[0.01, 0.02, 0.05], bias=rng.normal(size=6))
     poses = [iq.exp([*rng.normal(scale=0.6, size=3), 0, 0, 0]) for _ in range(8)]
     readings = [true.tare(pose) + 0.02 * rng.normal(size=6) for pose in poses]
-    said = wrist(mount @ iq.exp([0.0, 0.0, turn, 0, 0, 0]), mass=0.7)
-    check = said.check(readings, poses)
+    reports = wrist(mount @ iq.exp([0.0, 0.0, turn, 0, 0, 0]), mass=0.7)
+    check = reports.check(readings, poses)
     assert check.agrees == (order == "moment first" and reads == "reaction" and turn == 0.0)
     assert check.found.startswith((f"{order}, {reads}, 0.69", f"{order}, {reads}, 0.70"))
     assert ("its order is 'force first', not 'moment first'" in check.found) == (order == "force first")
@@ -125,7 +125,7 @@ def test_moments_that_are_noise_alone_contradict_no_centre(noise, agrees):
     assert sensor.check(readings, poses).agrees == agrees
 
 
-def test_free_air_that_tells_nothing_is_said_to():
+def test_uninformative_readings_in_free_air_are_reported():
     rng = np.random.default_rng(0)
     poses = [iq.exp([*rng.normal(scale=0.6, size=3), 0, 0, 0]) for _ in range(6)]
     nothing = wrist().check(0.02 * rng.normal(size=(6, 6)), poses)
@@ -168,5 +168,5 @@ def test_six_zeros_have_no_order():
     loop = iq.HybridController(panda, task, dt=DT)
     home, reading = panda.pose(PANDA), iq.Wrench(moment=[0, 0, 0], force=[0, 0, 0])
     assert not loop.step(PANDA, home, reading, wanted=(0.0,) * 6).wanted.any()
-    with pytest.raises(iq.BadInput, match="order is not said"):
+    with pytest.raises(iq.BadInput, match="without a declared order"):
         loop.step(PANDA, home, reading, wanted=[0, 0, 0, 0, 0, 1.0])

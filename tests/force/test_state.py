@@ -19,40 +19,29 @@ def bench():
 
 
 @pytest.mark.parametrize("other", [copy, lambda loop: pickle.loads(pickle.dumps(loop))])
-def test_a_copy_goes_on_alike_and_apart(bench, other):
+def test_a_copy_is_equal_and_independent(bench, other):
     twin, q, wrench = other(bench.loop), bench.q, bench.wrench()
     for _ in range(3):
         ours, its = bench.loop.step(q, bench.start, wrench), twin.step(q, bench.start, wrench)
         np.testing.assert_array_equal(ours.velocity, its.velocity)
-    before = twin.memory.press.bounds()
+    before = twin.state.law.bounds()
     bench.run(20)
-    assert twin.memory.press.bounds() == before
+    assert twin.state.law.bounds() == before
 
 
-def test_a_memory_that_was_kept_may_be_set_again(bench):
-    kept, q, wrench = bench.loop.memory, bench.q, bench.wrench()
+def test_a_saved_state_can_be_restored(bench):
+    kept, q, wrench = bench.loop.state, bench.q, bench.wrench()
     one = bench.loop.step(q, bench.start, 0.5 * wrench)
-    bench.loop.memory = kept
+    bench.loop.state = kept
     bench.loop.loop.state = bench.loop.loop.state
     assert bench.loop.step(q, bench.start, 0.5 * wrench).force == pytest.approx(one.force)
 
 
 @pytest.mark.parametrize(("k", "b"), [(2e3, 0.0), (2e4, 400.0), (1e5, 0.0)])
-def test_the_response_to_commands_is_found_at_the_touch(k, b):
+def test_the_stiffness_is_estimated_at_the_impact(k, b):
     """Within a factor of four, which the margins allow, and an upper bound."""
-    loops = []
-    original = iq.HybridController.step
-
-    def step(self, *args, **given):
-        loops[:] = [self]
-        return original(self, *args, **given)
-
-    iq.HybridController.step = step
-    try:
-        press_on_damper("gantry", stiffness=k, damping=b, dt=0.002, seconds=3.0)
-    finally:
-        iq.HybridController.step = original
-    bound, damping, _, least = loops[0].memory.press.bounds()
+    run = press_on_damper("gantry", stiffness=k, damping=b, dt=0.002, seconds=3.0)
+    bound, damping, _, least = run.loop.state.law.bounds()
     assert 0.9 * k < bound < 4.0 * k
     assert least < 1.1 * k
     assert damping > 0.5 * b

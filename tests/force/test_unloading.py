@@ -1,4 +1,4 @@
-"""Damped contacts are held; readings that do not answer lead the tool nowhere, and are never "ok" at the end."""
+"""Damped contacts are held; unresponsive readings stop the tool and are never "ok" at the end."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ PRESS = 10.0
 
 @pytest.mark.cases(2)
 @pytest.mark.parametrize(
-    ("arm", "stiffness", "damping", "told"),
+    ("arm", "stiffness", "damping", "delay"),
     [
         ("ur5", 5e4, 2000.0, 0.0),
         ("panda", 2e4, 800.0, 0.01),
@@ -18,22 +18,20 @@ PRESS = 10.0
         ("ur5", 1e3, 60.0, 0.0),
     ],
 )
-def test_a_contact_with_a_damper_is_held(arm, stiffness, damping, told):
-    """b/k from 10 to 60 ms: with the gantry the press "jumped", with the others it was an overload."""
-    run = press_on_damper(arm, stiffness=stiffness, damping=damping, lag=0.01, told=told, seconds=6.0)
+def test_a_contact_with_a_damper_is_held(arm, stiffness, damping, delay):
+    run = press_on_damper(arm, stiffness=stiffness, damping=damping, lag=0.01, declared_delay=delay, seconds=6.0)
     assert run.stopped is None
-    assert run.said[-1][0] == "ok"
+    assert run.reports[-1][0] == "ok"
     assert np.sqrt(np.mean((run.press[-200:] - PRESS) ** 2)) < 0.03 * PRESS
     assert run.press.max() < 1.5 * PRESS
 
 
 @pytest.mark.cases(1)
 @pytest.mark.parametrize(("press", "stiffness", "seed"), [(2.0, 1e3, 0), (5.0, 356.0, 0), (10.0, 356.0, 2)])
-def test_a_press_that_noise_nearly_hides_is_asked_gently(press, stiffness, seed):
-    """Letting go ran away by up to 0.7 m while noise hid that nothing was touched; a soft one was a fault."""
+def test_a_press_nearly_hidden_by_noise_is_unloaded_gently(press, stiffness, seed):
     run = press_on_damper("ur5", press=press, stiffness=stiffness, noise=0.5, dt=0.01, seconds=16.0, seed=seed)
     assert run.stopped is None
-    assert run.said[-1][0] in ("ok", "limited", "degraded")
+    assert run.reports[-1][0] in ("ok", "limited", "degraded")
     assert run.height.max() < 8e-3
     assert run.press.max() < 1.6 * press
 
@@ -79,7 +77,7 @@ ARMS = [("ur5", 8e4, 0.01), ("panda", 3e4, 0.004), ("gantry", 7e3, 0.002)]
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_readings_that_do_not_answer_end_within_millimetres(name):
+def test_unresponsive_readings_stop_the_tool_within_millimetres(name):
     make, since, presses = FAULTS[name]
     arm, stiffness, dt = ARMS[list(FAULTS).index(name) % len(ARMS)]
     run = press_on_damper(
@@ -87,68 +85,70 @@ def test_readings_that_do_not_answer_end_within_millimetres(name):
     )
     stop = run.stopped
     assert stop is not None
-    assert run.said[-1][0] in ("fault", "overload")
+    assert run.reports[-1][0] in ("fault", "overload")
     first = int(since / dt)
-    assert "overload" in run.said[stop][0] or run.press[first : stop + 1].max(initial=0.0) < presses * PRESS
+    assert "overload" in run.reports[stop][0] or run.press[first : stop + 1].max(initial=0.0) < presses * PRESS
     assert run.height[first : stop + 1].max() < 8e-3
 
 
 # As soft as MuJoCo's position servos are made: a press that joints hardly show, against a table.
-SERVOS = {"arm": "ur5", "stiffness": 3e6, "damping": 0.0, "drives": 2.5e4, "lag": 0.005, "told": 0.0}
+SERVOS = {"arm": "ur5", "stiffness": 3e6, "damping": 0.0, "drives": 2.5e4, "lag": 0.005, "declared_delay": 0.0}
 
 
 @pytest.mark.parametrize("dt", [0.002, 0.01])
-def test_drives_that_give_way_to_the_press_are_no_reason_to_let_go(dt):
-    """By the joints alone a table a hundred times too stiff: the press was let go every other second."""
+def test_compliant_drives_cause_no_unloading(dt):
     run = press_on_damper(dt=dt, seconds=6.0, **SERVOS)
-    assert {status for status, _ in run.said} <= {"lost", "ok", "limited"}
-    assert run.said[-1][0] == "ok"
+    assert {status for status, _ in run.reports} <= {"lost", "ok", "limited"}
+    assert run.reports[-1][0] == "ok"
     assert np.sqrt(np.mean((run.press[-round(2.0 / dt) :] - PRESS) ** 2)) < 0.03 * PRESS
 
 
 @pytest.mark.parametrize("share", [0.5, 0.9, 1.1, 1.5])
-def test_drives_that_give_way_press_no_harder_on_a_reading_that_is_stuck(share):
-    """The joints stood while the press rose: half of it read, a table was pressed with 640 N."""
+def test_compliant_drives_press_no_harder_on_a_stuck_reading(share):
     run = press_on_damper(dt=0.01, seconds=12.0, since=3.0, reads=Held(share), **SERVOS)
-    assert run.said[-1][0] == "fault"
+    assert run.reports[-1][0] == "fault"
     assert run.press.max() < 3.5 * PRESS
     assert run.height[300 : run.stopped].max() < 8e-3
 
 
-def test_a_bias_that_drifts_upwards_leads_the_tool_out_by_millimetres():
-    """2 N wanted, 0.5 N/s: the tool went up by 850 mm, "ok"."""
+def test_an_upward_drift_moves_the_tool_by_millimetres():
     drift = press_on_damper(press=2.0, reads=lambda press, t: press + 0.5 * (t - 2.0), since=2.0, seconds=20.0, dt=0.01)
-    assert drift.said[-1][0] == "fault"
+    assert drift.reports[-1][0] == "fault"
     assert drift.height[: drift.stopped].max() < 25e-3
 
 
 @pytest.mark.parametrize("rate", [0.0, 0.3])
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
-def test_a_bias_that_drifts_or_jumps_under_a_tool_at_rest_is_found(sign, rate):
-    """By 0.3 N/s, or by 4 N at once: "ok" with 16 N, or in the air, at the end."""
+def test_a_bias_that_drifts_or_jumps_at_rest_is_a_fault(sign, rate):
     bias = sign * (0.0 if rate else 4.0)
     run = press_on_damper(
         dt=0.01, since=4.0, seconds=24.0, reads=lambda press, t: press + bias + sign * rate * (t - 4.0)
     )
-    assert run.said[-1][0] == "fault"
+    assert run.reports[-1][0] == "fault"
     assert run.press.max() < 1.6 * PRESS
     assert run.height[round(4.0 / run.dt) : run.stopped].max() < 2e-3
 
 
 @pytest.mark.parametrize("rate", [-0.4, 0.4])
-def test_a_bias_that_drifts_on_a_stiff_table_is_found_before_it_is_worth_the_press(rate):
-    """A long tick feels a touch with nearly all of its press: the way before that counts. It ended "ok" at twice."""
-    given = {"press": 5.0, "stiffness": 9e4, "damping": 1.8e3, "dt": 0.01, "noise": 0.2, "lag": 0.01, "told": 0.0}
+def test_a_drift_on_a_stiff_table_is_a_fault_before_it_reaches_the_press(rate):
+    given = {
+        "press": 5.0,
+        "stiffness": 9e4,
+        "damping": 1.8e3,
+        "dt": 0.01,
+        "noise": 0.2,
+        "lag": 0.01,
+        "declared_delay": 0.0,
+    }
     run = press_on_damper(
         "panda", since=4.0, seconds=4.0 + 5.0 / abs(rate), reads=lambda press, t: press + rate * (t - 4.0), **given
     )
-    assert run.said[-1][0] == "fault"
+    assert run.reports[-1][0] == "fault"
     assert run.press.max() < 2.0 * 5.0
     assert run.height[round(4.0 / run.dt) : run.stopped].max() < 2e-3
 
 
-def test_a_bias_that_jumps_by_the_press_before_it_has_rested_is_found():
-    """The tool stood where it had touched, with nothing pressed and all of the press read, "ok"."""
+def test_a_bias_that_jumps_before_the_tool_rests_is_a_fault():
     reached = []
 
     def reads(press, t):
@@ -158,37 +158,42 @@ def test_a_bias_that_jumps_by_the_press_before_it_has_rested_is_found():
 
     run = press_on_damper(stiffness=3e4, damping=600.0, dt=0.004, seconds=8.0, reads=reads, noise=0.1, since=0.0)
     assert reached
-    assert run.said[-1][0] == "fault"
+    assert run.reports[-1][0] == "fault"
     assert run.press.max() < 1.1 * PRESS
 
 
-def test_a_force_that_changed_on_the_contact_is_asked_about_and_then_believed():
-    """4 N more than the spring says, but nothing in the air."""
+def test_a_changed_force_is_tested_once_and_then_accepted():
+    """4 N more than the spring explains, and nothing in the air."""
     run = press_on_damper(dt=0.01, since=4.0, seconds=20.0, reads=lambda press, t: press + 4.0 * (press > 0.0))
     assert run.stopped is None
-    asked = [k for k, (_, why) in enumerate(run.said) if "unloading to see whether they fall" in why]
+    asked = [k for k, (_, why) in enumerate(run.reports) if "unloading to see whether they fall" in why]
     assert asked
     assert max(asked) * run.dt < 8.0
-    assert {status for status, _ in run.said[-500:]} == {"ok"}
+    assert {status for status, _ in run.reports[-500:]} == {"ok"}
 
 
 @pytest.mark.parametrize(("stiffness", "b", "moves"), [(2600.0, 0.0, (1e-3, 0.6)), (2600.0, 0.04, (1e-3, 0.6))])
-def test_readings_that_fall_as_the_tool_lets_go_are_no_fault(stiffness, b, moves):
-    """A surface that moves, undeclared: fallen to 2 and to 0.7 of 10 N beyond the way of the touch: a fault."""
-    given = {"stiffness": stiffness, "damping": b * stiffness, "moves": moves, "gap": 4e-3, "noise": 0.2, "told": 0.0}
+def test_readings_that_fall_during_unloading_are_no_fault(stiffness, b, moves):
+    given = {
+        "stiffness": stiffness,
+        "damping": b * stiffness,
+        "moves": moves,
+        "gap": 4e-3,
+        "noise": 0.2,
+        "declared_delay": 0.0,
+    }
     run = press_on_damper(dt=0.01, seconds=6.0, **given)
-    assert any("unloading" in why for _, why in run.said)
+    assert any("unloading" in why for _, why in run.reports)
     assert run.stopped is None
     assert run.press.max() < 1.5 * PRESS
 
 
 @pytest.mark.cases(2)
 @pytest.mark.parametrize(("stiffness", "gap"), [(2207.0, 2e-3)])
-def test_a_press_is_let_go_faster_than_the_law_leaves_anyway(stiffness, gap):
-    """A surface came as fast as the law left it, 5 mm/s: that asked nothing, the press stayed, and that was a fault."""
-    given = {"press": 5.0, "moves": (3e-3, 0.3 if stiffness != 2207.0 else 0.2622), "gap": gap, "told": 0.0}
+def test_unloading_is_faster_than_the_force_law(stiffness, gap):
+    given = {"press": 5.0, "moves": (3e-3, 0.3 if stiffness != 2207.0 else 0.2622), "gap": gap, "declared_delay": 0.0}
     run = press_on_damper("ur5", dt=0.01, seconds=8.0, stiffness=stiffness, damping=0.0, noise=0.2, **given)
-    assert any("unloading" in why for _, why in run.said)
+    assert any("unloading" in why for _, why in run.reports)
     assert run.stopped is None
 
 
@@ -202,46 +207,46 @@ def test_a_press_is_let_go_faster_than_the_law_leaves_anyway(stiffness, gap):
         (8000.0, 0.01, (3e-3, 0.3), 10.0, 2),
     ],
 )
-def test_a_surface_that_moves_undeclared_and_is_hidden_by_noise_is_no_fault(stiffness, b, moves, press, seed):
-    """It comes after the tool that lets go: what readings fall by within 1 mm was less than six of their noise."""
-    given = {"stiffness": stiffness, "damping": b * stiffness, "moves": moves, "gap": 4e-3, "noise": 0.5, "told": 0.0}
+def test_an_undeclared_surface_motion_hidden_by_noise_is_no_fault(stiffness, b, moves, press, seed):
+    """The surface follows the tool: within 1 mm the readings fall by less than six sigma."""
+    given = {
+        "stiffness": stiffness,
+        "damping": b * stiffness,
+        "moves": moves,
+        "gap": 4e-3,
+        "noise": 0.5,
+        "declared_delay": 0.0,
+    }
     run = press_on_damper("ur5", press=press, dt=0.01, seconds=8.0, seed=seed, **given)
     assert run.stopped is None
     assert run.press.max() < 1.5 * press
 
 
-def test_a_contact_that_is_pressed_as_wanted_from_the_start_is_asked_once_and_believed():
+def test_a_contact_from_the_start_is_tested_once_and_accepted():
     def reads(press, t):  # the plant itself begins with none
         return press if t > 0.0 else PRESS
 
     run = press_on_damper(dt=0.01, gap=-PRESS / 2e4, seconds=12.0, reads=reads, since=0.0)
-    asked = [k for k, (_, why) in enumerate(run.said) if "unloading" in why]
+    asked = [k for k, (_, why) in enumerate(run.reports) if "unloading" in why]
     assert 0 < len(asked) < 20
-    assert {status for status, _ in run.said[max(asked) + 200 :]} == {"ok"}
-
-
-@pytest.mark.parametrize(("slope", "stiffness"), [(-0.08, 2e3), (0.08, 2e4)])
-def test_a_slope_is_answered_and_followed(slope, stiffness):
-    run = press_on_damper(stiffness=stiffness, slope=slope, speed=0.03, seconds=6.0)
-    assert run.stopped is None
-    assert run.said[-1][0] == "ok"
-    assert np.abs(run.press[-250:] - PRESS).max() < 0.15 * PRESS
+    assert {status for status, _ in run.reports[max(asked) + 200 :]} == {"ok"}
 
 
 @pytest.mark.cases(1)
 @pytest.mark.parametrize(("stiffness", "share"), [(1e3, 1.9), (1e5, 1.1)])
-def test_a_reading_that_stays_above_the_wanted_press_leads_the_tool_out_by_millimetres(share, stiffness):
-    """It led the arm away without end, "ok": by 190 to 840 mm."""
+def test_a_constant_reading_above_the_desired_press_moves_the_tool_by_millimetres(share, stiffness):
     run = press_on_damper("panda", stiffness=stiffness, reads=Held(share), since=4.0, seconds=30.0)
     stop = run.stopped
-    assert run.said[stop][0] == "fault"
-    assert "are still read: the readings do not answer the motion: a sensor that is stuck, drifts" in run.said[stop][1]
+    assert run.reports[stop][0] == "fault"
+    assert (
+        "are still read: the readings do not respond to the motion: a sensor that is stuck, drifts"
+        in run.reports[stop][1]
+    )
     assert 1e-3 < run.height[: stop + 1].max() < 4e-3
 
 
 @pytest.mark.parametrize("share", [0.03, 0.09, 0.105, 0.11, 0.2])
-def test_a_low_reading_that_sticks_in_noise_is_a_fault(share):
-    """About what counts as contact the press grew without end, "ok" or "lost": to 400 times what was wanted."""
+def test_a_low_stuck_reading_with_noise_is_a_fault(share):
     random = np.random.default_rng(0)
     held = Held(share)
     run = press_on_damper(
@@ -251,14 +256,13 @@ def test_a_low_reading_that_sticks_in_noise_is_a_fault(share):
         since=4.0,
         seconds=8.0,
     )
-    assert run.said[-1][0] in ("fault", "lost")
+    assert run.reports[-1][0] in ("fault", "lost")
     assert run.press.max() < 2.5 * PRESS
 
 
 @pytest.mark.parametrize("dt", [0.002, 0.004])
 @pytest.mark.parametrize("arm", ["ur5", "panda"])
-def test_a_press_that_chatters_is_held_in_its_mean(arm, dt):
-    """What is lost for a few milliseconds is not approached: on MuJoCo's default contact a slide pressed 5 N more."""
+def test_a_chattering_press_is_held_in_its_mean(arm, dt):
     read = []
 
     def chatters(press, t):
@@ -275,10 +279,9 @@ def test_a_press_that_chatters_is_held_in_its_mean(arm, dt):
 
 @pytest.mark.parametrize("share", [0.5, 0.9, 1.1, 1.5])
 @pytest.mark.parametrize(("speed", "stiffness"), [(0.02, 2e4), (0.06, 2e4), (0.04, 8e4)])
-def test_a_reading_that_sticks_while_the_tool_slides_stops_the_slide_and_is_a_fault(share, speed, stiffness):
-    """It pressed with up to 11 times the press, "ok". Stuck at 1 % of the wanted press, it still shows nothing."""
+def test_a_reading_stuck_during_a_slide_is_a_fault(share, speed, stiffness):
     run = press_on_damper(stiffness=stiffness, speed=speed, reads=Held(share), since=4.0, seconds=10.0)
-    assert run.said[-1][0] == "fault"
+    assert run.reports[-1][0] == "fault"
     assert run.press.max() < 3.0 * PRESS
-    said = [status for status, _ in run.said[round(4.6 / run.dt) :]]
-    assert "ok" not in said
+    reports = [status for status, _ in run.reports[round(4.6 / run.dt) :]]
+    assert "ok" not in reports

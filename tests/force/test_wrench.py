@@ -9,7 +9,6 @@ from support.random_systems import motion
 from support.wrist import wrist
 
 import invariantqp as iq
-from invariantqp.force.sensor import soft
 
 G = np.array([0.0, 0.0, -9.80665])
 
@@ -48,7 +47,7 @@ def test_weight_bias_and_transport_against_pinocchio(seed, opposite):
 
 @settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 2**31))
-def test_another_name_for_the_frames_changes_nothing(seed):
+def test_relabelled_frames_change_nothing(seed):
     rng = np.random.default_rng(seed)
     tool, mount, X, Y = motion(rng), motion(rng, 0.2), motion(rng, 0.2), motion(rng, 0.2)
     sensor = wrist(
@@ -61,18 +60,20 @@ def test_another_name_for_the_frames_changes_nothing(seed):
         origin=[0.0, 0.01, 0.02],
     )
     reading = rng.normal(size=6) * 3
-    told = sensor.relabelled(X, Y)
+    other = sensor.relabelled(X, Y)
     there = iq.coadjoint(iq.inverse(X)) @ reading
-    np.testing.assert_allclose(told.wrench(there, tool @ Y), sensor.wrench(reading, tool), atol=1e-11)
+    np.testing.assert_allclose(other.wrench(there, tool @ Y), sensor.wrench(reading, tool), atol=1e-11)
 
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.floats(-10, 10), min_size=6, max_size=6), st.floats(0, 3))
 def test_the_deadband_is_soft_continuous_and_keeps_direction(numbers, width):
     a, b = np.array(numbers[:3]), np.array(numbers[3:])
-    assert np.linalg.norm(soft(a, width) - soft(b, width)) <= np.linalg.norm(a - b) * (1 + 1e-12)
-    assert np.linalg.norm(soft(a, width)) == pytest.approx(max(0.0, np.linalg.norm(a) - width), abs=1e-12)
-    assert np.linalg.norm(np.cross(soft(a, width), a)) <= 1e-12 * (1 + a @ a)
+    sensor = wrist(force_deadband=width)
+    soft_a, soft_b = (sensor.deadband([0.0, 0.0, 0.0, *force])[3:] for force in (a, b))
+    assert np.linalg.norm(soft_a - soft_b) <= np.linalg.norm(a - b) * (1 + 1e-12)
+    assert np.linalg.norm(soft_a) == pytest.approx(max(0.0, np.linalg.norm(a) - width), abs=1e-12)
+    assert np.linalg.norm(np.cross(soft_a, a)) <= 1e-12 * (1 + a @ a)
 
 
 def test_forces_and_moments_have_deadbands_of_their_own():
@@ -103,7 +104,7 @@ def test_the_low_pass_is_first_order_with_its_cutoff(cutoff, dt):
     np.testing.assert_allclose(answers, 1.0 - np.exp(-2 * np.pi * cutoff * time), atol=1e-12)
 
 
-def test_the_first_reading_is_taken_as_it_is_and_no_cutoff_is_none():
+def test_the_first_reading_starts_the_filter_and_inf_is_no_filter():
     np.testing.assert_allclose(smoothed(5.0, 0.01)(np.arange(6.0)), np.arange(6.0), atol=1e-12)
     smooth = smoothed(np.inf, 0.01)
     smooth(np.zeros(6))

@@ -284,7 +284,7 @@ CONTROL = {
     "Identification.task": lambda: (demonstration()[2].task, {"press": 5.0}),
     "Candidate.contact": lambda: (demonstration()[2].best.contact, {"tool": T}),
     "Candidate.task": lambda: (demonstration()[2].best.task, {"press": 5.0}),
-    "HybridTask.contact_at": lambda: (task().contact_at, {"tool": T}),
+    "HybridTask.contact_at": lambda: (task().contact_at, {"tool": T, "contact": contact()}),
     "HybridTask.relabelled": lambda: (task().relabelled, {"offset": T, "tool_offset": T}),
     "HybridTask.split": lambda: (task().split, {"kind": contact().kind, "grip": [0.0, 0.0, 0.1]}),
     "HybridController": lambda: (

@@ -14,17 +14,18 @@ SUBSTEP = 5e-4  # [s]
 
 
 class Pressed(NamedTuple):
-    """Of each tick the true press [N], height above the plane [m], status and reason."""
+    """Of each tick the true press [N], height above the plane [m], status and reason; and the controller."""
 
     press: np.ndarray
     height: np.ndarray
-    said: list
+    reports: list
     dt: float
+    loop: iq.HybridController
 
     @property
     def stopped(self):
         """The tick of the first overload or fault; None for none."""
-        return next((k for k, (status, _) in enumerate(self.said) if status in ("overload", "fault")), None)
+        return next((k for k, (status, _) in enumerate(self.reports) if status in ("overload", "fault")), None)
 
 
 def robot_of(arm):
@@ -40,7 +41,7 @@ def press_on_damper(
     noise=0.1,
     dt=0.004,
     lag=0.005,
-    told=0.005,
+    declared_delay=0.005,
     gap=0.002,
     seconds=4.0,
     speed=0.0,
@@ -67,12 +68,12 @@ def press_on_damper(
     plane = start[2, 3] - gap
     made = iq.HybridTask(lambda tool: iq.point_contact(tool[:3, 3], UP), [press], **task)
     sensor = iq.WrenchSensor(np.eye(4), order="moment first", reads="reaction", cutoff=50.0, noise=noise, drift=drift)
-    loop = iq.HybridController(robot, made, dt=dt, sensor=sensor, delay=told)
+    loop = iq.HybridController(robot, made, dt=dt, sensor=sensor, delay=declared_delay)
     steps = max(1, round(dt / SUBSTEP))
     h, kept = dt / steps, 0.0 if lag == 0.0 else exp(-dt / steps / lag)
     late = kept * (1.0 - kept**steps) / (1.0 - kept)  # how many substeps a tick's change of velocity comes late
     velocity, force, bent = np.zeros(len(q)), 0.0, np.zeros(len(q))
-    presses, heights, said, left = [], [], [], round(0.05 / dt)
+    presses, heights, reports, left = [], [], [], round(0.05 / dt)
     for k in range(round(seconds / dt)):
         t, tool = k * dt, robot.pose(q)
         value = force if reads is None or t < since else reads(force, t)
@@ -83,7 +84,7 @@ def press_on_damper(
         target[:2, 3] += (circle * np.array([np.sin(angle), 1.0 - np.cos(angle)])) if circle else (way, 0.0)
         ahead[3:5] = pace * np.cos(angle), pace * np.sin(angle)
         solution = loop.step(q + bent, target, np.concatenate((random.normal(0.0, 0.03 * noise, 3), push)), ahead)
-        said.append((str(solution.status), solution.reason))
+        reports.append((str(solution.status), solution.reason))
         change = velocity - solution.velocity
         velocity = solution.velocity + kept**steps * change
         q = q + h * (steps * solution.velocity + late * change)
@@ -98,7 +99,7 @@ def press_on_damper(
         bent = gives * force
         presses.append(force)
         heights.append(-depth)
-        left -= said[-1][0] in ("overload", "fault")
+        left -= reports[-1][0] in ("overload", "fault")
         if left < 0:
             break
-    return Pressed(np.array(presses), np.array(heights), said, dt)
+    return Pressed(np.array(presses), np.array(heights), reports, dt, loop)

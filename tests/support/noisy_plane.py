@@ -1,4 +1,4 @@
-"""A pen on a spring plane as a robot's cell is: a noisy sensor, dead time, a normal told wrong, faults."""
+"""A pen on a spring plane as a robot's cell is: a noisy sensor, dead time, a normal declared wrong, faults."""
 
 from collections import deque
 from typing import NamedTuple
@@ -59,13 +59,13 @@ def press_on_plane(
     *,
     stiffness=1e4,
     noise=0.2,
-    told_noise=None,
+    declared_noise=None,
     dt=0.002,
     seconds=3.0,
     gap=0.002,
     tilt=0.0,
     delay=0.0,
-    told_delay=0.0,
+    declared_delay=0.0,
     removed=np.inf,
     fault=None,
     since=np.inf,
@@ -82,8 +82,8 @@ def press_on_plane(
     start = robot.pose(q)
     normal = [0.0, np.sin(tilt), np.cos(tilt)]
     made = iq.HybridTask(lambda tool: iq.point_contact(tool[:3, 3], normal), [press], **task)
-    sensor = wrist(noise=noise if told_noise is None else told_noise, cutoff=50.0)
-    loop = iq.HybridController(robot, made, dt=dt, sensor=sensor, delay=told_delay)
+    sensor = wrist(noise=noise if declared_noise is None else declared_noise, cutoff=50.0)
+    loop = iq.HybridController(robot, made, dt=dt, sensor=sensor, delay=declared_delay)
     path, late = circle(start, 0.03, period), deque([np.zeros(7)] * round(delay / dt))
     presses, heights, solutions, stopped = [], [], [], 0
     for k in range(round(seconds / dt)):

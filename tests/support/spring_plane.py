@@ -25,6 +25,11 @@ def exerted(points, height, stiffness):
     return np.array((turn_x, turn_y, 0.0, 0.0, 0.0, force))
 
 
+def force_at(point, force):
+    """The wrench (m; f) of a force (3,) at a point."""
+    return np.concatenate((cross(point, np.asarray(force)), force))
+
+
 def in_tool(pose, wrench):
     """A wrench of the base frame in that of the tool, unchecked."""
     R, f = pose[:3, :3].T, wrench[3:]
@@ -65,19 +70,21 @@ def pen(press=5.0, contact=tip, **options):
 
 
 class Bench:
-    """A tool on a spring plane; `tick` is one tick of the loop and of the world."""
+    """A tool on a spring plane, or that exerts `world(pose)`; `tick` is one tick of the loop and of the world."""
 
-    def __init__(self, robot, q, task, *, stiffness=1e4, depth=0.0, half=0.0, dt=DT, **options):
+    def __init__(self, robot, q, task, *, stiffness=1e4, depth=0.0, half=0.0, dt=DT, world=None, **options):
         self.robot, self.q, self.dt = robot, np.array(q), dt
         if "sensor" not in options:
             options["order"] = "moment first"
         self.loop = iq.HybridController(robot, task, dt=dt, **options)
         self.start = robot.pose(q)
-        self.stiffness, self.half = stiffness, half
+        self.stiffness, self.half, self.world = stiffness, half, world
         self.height = self.start[2, 3] + depth
 
     def wrench(self):
         pose = self.robot.pose(self.q)
+        if self.world is not None:
+            return self.world(pose)
         points = corners(pose, self.half) if self.half else [pose[:3, 3]]
         return exerted(points, self.height, self.stiffness)
 

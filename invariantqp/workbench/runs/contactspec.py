@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from invariantqp.force.contact import MOST_TILT
+from invariantqp.force.contact import MAX_TILT
 from invariantqp.workbench.runs.section import (
     Direction,
     NotNegative,
@@ -57,7 +57,7 @@ class ContactSpec(Section):
         None,
         description="by how much the controller may correct the normal by the tool's motion [rad]; left out: not",
         examples=[0.1],
-        le=MOST_TILT,
+        le=MAX_TILT,
     )
     axis: Direction = Field((0.0, 0.0, 1.0), description="axis of a hinge", examples=[[0, 0, 1]])
     point: Vector3 = Field((-0.4, 0.0, 0.0), description="of that axis, from the tool [m]", examples=[[0, -0.4, 0]])

@@ -29,7 +29,8 @@ from invariantqp.force.contact_kinds import (
     line_contact,
     point_contact,
 )
-from invariantqp.force.sensor import Wrench, WrenchSensor
+from invariantqp.force.sensor import WrenchSensor
+from invariantqp.force.wrench import Wrench
 from invariantqp.geometry import screws, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.systems.projectors import dual_projectors
@@ -87,7 +88,7 @@ class ContactScene:
     @cached_property
     def wanted(self) -> Array:
         """(6,) the wrench to exert, in the contact's frame."""
-        return self.task.split(self.kind).wanted(np.asarray(self.task.wrench))
+        return self.task.split(self.kind).wrench
 
     @property
     def _weights(self) -> Array:
