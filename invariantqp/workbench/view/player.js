@@ -28,10 +28,10 @@ const frameAt = t => {
 
 const state = { t: 0, playing: false, rate: 1 };
 const fixed = name => decoded(first.arrays[name]).data;
-const arm = new Arm(fixed("screws"), run.coordinates, run.drivers, fixed("places"), Array.from(fixed("home")));
+const arm = new Arm(fixed("screws"), first.coordinates, first.drivers, fixed("places"), Array.from(fixed("home")));
 // Where the arm is in a frame, whole or between two; of recorded poses alone the tool is all there is.
 const armAt = f => {
-  if (run.joints.length) return arm.at(between("q", f));
+  if (first.joints.length) return arm.at(between("q", f));
   const tool = between("wanted", f);
   return { motions: [], points: [originOf(tool)], axes: [], tool };
 };
