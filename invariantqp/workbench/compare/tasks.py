@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
-from invariantqp.control.controller import Controller, posture_of
+from invariantqp.control.controller import posture_of
+from invariantqp.control.measure import ToolMeasure
+from invariantqp.control.tracking import tracking_gain
 from invariantqp.errors import BadInput, RobotModelError
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
@@ -276,7 +278,6 @@ def spec_of(robot: Robot, law: LawSpec) -> LoopSpec:
     """The inputs of every method, from an arm and a [law]."""
     posture, posture_gain = posture_of(law.posture, law.posture_gain, robot)
     limit, point, chain = law.acceleration_limit, np.array(law.point), as_chain(robot)
-    ours = Controller(robot, dt=law.dt, gain=law.gain, delay=law.delay, point=point, length=law.length)
     if law.position_margin:
         chain = chain.with_limits(
             chain.position_lower + law.position_margin, chain.position_upper - law.position_margin
@@ -295,10 +296,10 @@ def spec_of(robot: Robot, law: LawSpec) -> LoopSpec:
         posture=np.asarray(posture),
         posture_gain=np.asarray(posture_gain),
         dt=law.dt,
-        gain=ours.gain,
+        gain=tracking_gain(law.gain, law.dt, law.delay),
         acceleration_limit=None if limit is None else np.full(len(chain.names), limit),
         point=point,
-        length=ours.measure.length,
+        length=ToolMeasure(robot, point, law.length).length,
         urdf=text,
         law={**law.model_dump(), "position_margin": 0.0},
     )
