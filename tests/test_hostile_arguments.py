@@ -46,7 +46,7 @@ INNER = {
     "Clearance.in_loop Clearance.require Clearance.rows_at Clearance.rows_after "
     "Clearance.engine_in_loop Clearance.row_name Clearance.too_near "
     "OtherArm.believed BoxQP.of Chain.motions LimitRows.trusted Candidate.frame "
-    "ExactRows.on LimitRows.called "
+    "ExactRows.on LimitRows.renamed "
     "Chain.sight Chain.points "
     "InvariantFrameTask.compute_qp_objective",
     "of this package's own files, with arguments of their making": "ScrewSystem.with_tolerance ScrewSystem.derived "

@@ -1,4 +1,4 @@
-// What all functions for Python share: their workspace, numbers and tuples of arguments, solutions.
+// Shared by all bindings: the workspace, numbers and tuples of arguments, solutions.
 #pragma once
 #include "arrays.hpp"
 #include "report.hpp"
@@ -8,7 +8,6 @@ namespace iq {
 using namespace nanobind::literals;
 
 constexpr int MOST_JOINTS = 64, MOST_EXACT = 384;
-constexpr double SMALLEST = 1e-30, LARGEST = 1e30;  // of joint twists and lengths, as in geometry/sizes.py
 
 inline Workspace& workspace()
 {
@@ -44,7 +43,7 @@ inline nb::tuple solution(const Report& found)
     return nb::make_tuple(
         array_of(found.velocity), static_cast<int>(found.method), static_cast<int>(found.status),
         nb::bytes(reinterpret_cast<const char*>(found.reasons.data()), found.reasons.size() * sizeof(double)), active,
-        array_of(found.residual), found.share, found.damping, found.guard, array_or_none(found.multipliers),
+        array_of(found.residual), found.scale, found.damping, found.guard, array_or_none(found.multipliers),
         array_or_none(found.row_multipliers));
 }
 

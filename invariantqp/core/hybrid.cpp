@@ -86,12 +86,12 @@ class TickInContact {
         const ArmState arm = at(in.q);
         found.J = arm.J, tool = arm.tool;
         for (int j = 0; j < m; j++)
-            found.believed = found.believed && loop.settings.believed_lower[j] <= in.q[j] && in.q[j] <= loop.settings.believed_upper[j];
+            found.believed = found.believed && loop.settings.plausible_lower[j] <= in.q[j] && in.q[j] <= loop.settings.plausible_upper[j];
         if (!found.believed) {
             found.found = loop.tick(joints, rest(arm), functions, w);
             return found;
         }
-        if (norm(in.target.p - loop.settings.tip) > loop.settings.far)
+        if (norm(in.target.p - loop.settings.reach_centre) > loop.settings.reach)
             throw FarTarget();
         place();
         if (before.touches && dot(out, before.out) < 0) {
@@ -145,7 +145,7 @@ class TickInContact {
     TickInputs rest(const ArmState& arm) const
     {
         TickInputs still;
-        still.q = in.q, still.velocity = in.velocity, still.stand = true, still.arm = &arm;
+        still.q = in.q, still.velocity = in.velocity, still.stand_still = true, still.arm = &arm;
         return still;
     }
     Vec along_contact(Vec twist) const { return A * (P * (t(B) * twist)); }
@@ -358,7 +358,7 @@ class TickInContact {
         if (!split.presses && joints.whole + joints.part > 0) {
             Vec there(w, m), last(w, m);
             LoopState expected = joints;
-            expected.observe(in.q, task.dt, loop.settings.turns, loop.settings.limits.velocity);
+            expected.observe(in.q, task.dt, loop.settings.revolution, loop.settings.limits.velocity);
             expected.predict(in.q, task.dt, there, last);
             then = at(there);
         }
@@ -366,7 +366,7 @@ class TickInContact {
         TickInputs next = rest(arm);
         const Vec twist = found.motion + found.force;
         if (action != force::Action::hold) {
-            next.stand = false, next.ahead = twist, next.at_base = true, next.arm = &then, next.posture = in.posture;
+            next.stand_still = false, next.feedforward = twist, next.at_base = true, next.arm = &then, next.posture = in.posture;
             if (set.measured_at_contact)
                 next.measured_at = vec(point, w);
             if (set.force_first && n && can_yield())
@@ -417,7 +417,7 @@ class TickInContact {
         std::array<double, force::MOST> given{};
         const Vec rates = task.dt * (unit_rates * (t(B) * twist));
         std::copy(rates.begin(), rates.end(), given.begin());
-        const bool free = found.press.acts && said.share > 0.9 && found.press.action == force::Action::follow && !beyond;
+        const bool free = found.press.acts && said.scale > 0.9 && found.press.action == force::Action::follow && !beyond;
         force::commanded(state.press, task, given, outwards, free, beyond);
         state.began = true, state.tool = tool, state.touches = state.press.touching(), state.out = state.touches ? out : Vec3{};
         state.motion = six(found.motion);

@@ -1,4 +1,4 @@
-// What a loop remembers of its joints between ticks, and whether they follow their commands.
+// The memory of a loop between ticks, and whether the joints follow their commands.
 //
 // A command shows in the measured positions one tick and the loop's delay later. `respond` asks whether a joint moves at
 // all when it is commanded to: not where the robot is stopped, paused or blocked. `compare` asks how far the joints move
@@ -11,6 +11,7 @@
 // oscillates because of a delay, or the robot does not execute its commands.
 #pragma once
 #include "report.hpp"
+#include "tolerances.hpp"
 
 namespace iq {
 
@@ -44,7 +45,7 @@ class LoopState {
     std::vector<double> numbers;
 
     LoopState(int joints, double delay, double dt)
-        : joints(joints), whole(static_cast<int>(delay / dt + 1e-9)), part(std::max(0.0, delay / dt - whole)),
+        : joints(joints), whole(static_cast<int>(delay / dt + ROUNDING)), part(std::max(0.0, delay / dt - whole)),
           numbers(size(), 0)
     {
         std::fill(turn(), positions() + joints, NAN);
@@ -64,7 +65,7 @@ class LoopState {
     double* commanded() { return unexplained() + joints; }      // sum, fading
     double* moved() { return commanded() + joints; }
     double* pending() { return moved() + joints; }  // commanded since positions changed; NaN where not answered
-    double& missed() { return *(pending() + joints); }  // r_before of the law
+    double& last_residual() { return *(pending() + joints); }  // r_before of the law
 
     bool any_unresponsive()
     {
@@ -93,7 +94,7 @@ class LoopState {
             ordered[j] = dt * ((1 - part) * command(whole)[j] + part * command(whole + 1)[j]);
         }
         if (std::isnan(came.square())) {
-            std::fill(silence(), &missed(), 0.0);
+            std::fill(silence(), &last_residual(), 0.0);
             restart();
             return;
         }
@@ -106,7 +107,7 @@ class LoopState {
         std::copy(q.begin(), q.end(), positions());
         std::copy_backward(command(0), command(whole + 1), command(whole + 2));
         std::copy(x.begin(), x.end(), command(0));
-        missed() = left;
+        last_residual() = left;
     }
 
     // What is wrong with the joints, as a code with joints and numbers; Code::none where nothing is known to be.
@@ -128,6 +129,7 @@ class LoopState {
         const double commanded2 = sum(COMMANDED), moved2 = sum(MOVED), product = sum(PRODUCT), updates = sum(UPDATES);
         const double ratio = commanded2 > 0 ? product / commanded2 : 0, time = sum(TIME);
         const double ticks = std::min(sum(INTERVAL), sum(INTERVAL_BEFORE));
+        const double milliseconds = 1e3 * dt;
         const auto mean = [&](double size) { return size * size * updates; };
         const bool large = std::max(commanded2, moved2) >= mean(LEAST_MOVED);
         const bool fine = ratio < 1 || moved2 >= mean(MOST_COUNTS * sum(FINEST));
@@ -135,10 +137,10 @@ class LoopState {
         const bool proportional = ratio > 0 && product * product >= (lagging ? OSCILLATES : PROPORTIONAL) * commanded2 * moved2;
         const bool measured = ticks > 0 && (large || (fine && joints * updates >= MANY_MOVED)) && proportional;
         if (ticks > 1 && ticks * fastest * dt > OVERSHOOT && (large || measured))
-            return {Code::states_are_old, {}, {ticks, 1e3 * ticks * dt, 1e3 * dt}};
+            return {Code::stale_joint_states, {}, {ticks, ticks * milliseconds, milliseconds}};
         const bool too_far = ratio > MOST_RATIO || ratio * ticks * fastest * dt > OVERSHOOT;
         if (measured && (too_far || (ratio < LEAST_RATIO && time > RESPONSE_TIME)))
-            return {Code::dt_is_wrong, {}, {ratio, 1e3 * ratio * dt, 1e3 * dt}};
+            return {Code::wrong_dt, {}, {ratio, ratio * milliseconds, milliseconds}};
         const bool follows = ratio >= KEPT_SHARE || commanded2 <= mean(LEAST_SPEED * dt);
         const double progress = product - 0.5 * gain * dt * moved2;
         const bool oscillates = commanded2 >= mean(LEAST_OSCILLATION * gain * dt) && progress < KEPT_SHARE * commanded2;
@@ -162,8 +164,8 @@ class LoopState {
     double& sum(int which) { return numbers[numbers.size() - 1 - which]; }
     void restart()
     {
-        std::fill(pending(), &missed(), 0.0);
-        std::fill(&missed() + 1, numbers.data() + numbers.size(), 0.0);
+        std::fill(pending(), &last_residual(), 0.0);
+        std::fill(&last_residual() + 1, numbers.data() + numbers.size(), 0.0);
         sum(FINEST) = INFINITY;
     }
 
@@ -233,7 +235,7 @@ class LoopState {
         if (moved2 > 4 * std::max(sum(LARGEST), expected * expected * due2))  // twice as far as lately: another motion
             kept = sum(INTERVAL) = sum(TIME) = 0;
         const double largest = std::max(std::max(moved2, due2), kept * sum(LARGEST));
-        std::fill(pending(), &missed(), 0.0);
+        std::fill(pending(), &last_residual(), 0.0);
         sum(COMMANDED) = kept * sum(COMMANDED) + due2;
         sum(PRODUCT) = kept * sum(PRODUCT) + due.dot(came);
         sum(MOVED) = kept * sum(MOVED) + moved2;

@@ -32,7 +32,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
 from invariantqp.robots.kinematics import Robot, middle, require_robot
 from invariantqp.velocity.measure import length_at
-from invariantqp.velocity.solution import Status, VelocitySolution, no_motion
+from invariantqp.velocity.solution import Status, VelocitySolution, has_no_motion
 
 # The longest dead time for which commands are remembered.
 MOST_TICKS = 10_000
@@ -292,7 +292,7 @@ class HybridController:
             contact = Contact(contact.kind, pose, contact.edge)
         motion, force, measured, error, parts, exerted = wrenches
         status, why = answer.status, answer.reason
-        if doubts is not None or (status is Status.DEGRADED and no_motion(answer)):
+        if doubts is not None or (status is Status.DEGRADED and has_no_motion(answer)):
             status, why = self._said(contact, doubts or UNDOUBTED, answer)
         return HybridSolution(
             answer.velocity, status, why, motion, force, measured, error, parts, exerted, contact, answer, J
@@ -308,7 +308,7 @@ class HybridController:
         if status is None and contact.edge is not None and contact.edge < self.task.edge_margin:
             trouble.insert(0, f"{written(contact.edge)} before the edge of the surface")
         law_status, reasons = inner.status, inner.reason
-        if no_motion(inner) and state.touching and state.still > 0.0 and not flags:
+        if has_no_motion(inner) and state.touching and state.still > 0.0 and not flags:
             law_status, reasons = Status.OK, ""  # motors that give way stand still against their commands as they press
         if trouble and law_status is not Status.HELD:
             law_status = Status.DEGRADED

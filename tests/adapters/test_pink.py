@@ -497,8 +497,8 @@ def test_limits_that_no_number_comes_from_or_no_velocity_meets_are_a_status(arms
         (Answers(row, np.array([np.nan])), "held", "Answers gives NaN here"),
         (Answers(np.nan * row, np.zeros(1)), "held", "Answers gives NaN here"),
         (Answers(0.0 * row, -np.ones(1)), "held", "allows no velocity"),
-        (Answers(np.vstack((row, -row)), -0.001 * np.ones(2)), "degraded", "rows contradict each other"),
-        (Answers(row, np.array([-100.0])), "degraded", "rows contradict the bounds of joint 0"),
+        (Answers(np.vstack((row, -row)), -0.001 * np.ones(2)), "degraded", "limit rows conflict with each other"),
+        (Answers(row, np.array([-100.0])), "degraded", "limit rows conflict with the bounds of joint 0"),
         (Answers(row, np.array([np.inf])), "", ""),
         (Answers(np.empty((0, 6)), np.empty(0)), "", ""),
     ):

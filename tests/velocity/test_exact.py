@@ -176,10 +176,7 @@ def test_rows_that_limits_move_against_their_demand_are_told():
         solution = iq.solve_velocity(J, np.zeros(6), exact=rows, bounds=bounds, joint_metric=metric)
         off = solution.velocity[0]
         assert solution.status == "scaled"
-        assert (
-            f"; limits require motion beside the exact rows: exact row 1 is off by {off:.3g}; at the limits"
-            in solution.reason
-        )
+        assert f"; limits violate the exact rows: exact row 1 is off by {off:.3g}; at the limits" in solution.reason
 
 
 @pytest.mark.cases(3)
@@ -207,7 +204,7 @@ def test_where_rest_is_forbidden_rows_are_as_near_to_their_direction_as_limits_a
         missed += 1
         slower = solution.scale < 1.0 - ACTIVE_TOLERANCE
         beyond += not slower
-        assert "limits require motion beside the exact rows" in solution.reason
+        assert "limits violate the exact rows" in solution.reason
         assert solution.status == ("scaled" if slower else "limited")
         off = np.linalg.norm(P @ (A @ x - solution.scale * b))
         assert off == pytest.approx(np.sqrt(2.0 * nearest.cost), rel=1e-6, abs=1e-9)

@@ -6,7 +6,7 @@ from support.velocity_reference import regular_problem, root_of, tight_box
 
 import invariantqp as iq
 from invariantqp.geometry.se3 import velocity_at
-from invariantqp.velocity.definition import NULL, ROUNDING
+from invariantqp.velocity.definition import NULL_WEIGHT, ROUNDING
 from invariantqp.velocity.solution import ACTIVE_TOLERANCE
 
 
@@ -41,7 +41,7 @@ def objective(J, s, damping=0.0, metric=None, posture=None):
     A, M = root_of(POINT, LENGTH) @ J, np.eye(J.shape[1]) if metric is None else metric
     T = np.linalg.inv(np.linalg.cholesky(M)).T
     N = np.linalg.svd(A @ T)[2][6:] @ np.linalg.inv(T)
-    pull = NULL * np.linalg.norm(A @ T) ** 2 * N.T @ N
+    pull = NULL_WEIGHT * np.linalg.norm(A @ T) ** 2 * N.T @ N
     wanted = np.zeros(len(M)) if posture is None else posture
     return A.T @ A + damping**2 * M + pull, A.T @ root_of(POINT, LENGTH) @ s + pull @ wanted
 
@@ -126,7 +126,7 @@ def test_the_joint_in_the_way_and_the_row_that_gives_way_are_named():
     rows = iq.limits.LimitRows([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 2.0, 0.0]], [-0.2, 1.5], [0.2, 9.0])
     solution = iq.solve_velocity(J, s, form=h, bounds=bounds, rows=rows)
     assert solution.status == "degraded"
-    assert "rows contradict the bounds of joint 2: exceeded at row 1 by 0.5" in solution.reason
+    assert "limit rows conflict with the bounds of joint 2: exceeded at row 1 by 0.5" in solution.reason
     assert solution.velocity[2] == pytest.approx(0.5, abs=1e-6)
     assert abs(solution.velocity[0]) <= 0.2 + 1e-9  # a row that is in nobody's way does not give way
 
@@ -153,9 +153,9 @@ def test_the_scale_of_a_row_decides_nothing():
         np.testing.assert_allclose(other.velocity, one.velocity, rtol=0.0, atol=1e-8 * size)
         if k % 2 == 0:
             kept += 1
-            assert "contradict" not in one.reason
+            assert "conflict" not in one.reason
             assert (np.abs(rows.excess(one.velocity)) <= 1e-9 * size).all()
-        contrary += "contradict" in one.reason
+        contrary += "conflict" in one.reason
     assert kept > 20
     assert contrary > 10
 
@@ -175,7 +175,7 @@ def test_the_unit_of_length_decides_nothing(needed):
         answers.append((solution, solution.velocity / [1.0, unit, 1.0]))
     (one, x), (other, y) = answers
     assert (one.status, one.reason) == (other.status, other.reason)
-    assert ("contradict" in one.reason) == (needed > 4.0)
+    assert ("conflict" in one.reason) == (needed > 4.0)
     np.testing.assert_allclose(y, x, rtol=1e-9, atol=1e-9)
 
 
@@ -183,7 +183,7 @@ def test_rows_that_contradict_each_other():
     J, s, h = regular_problem(np.random.default_rng(21), 4)
     rows = iq.limits.LimitRows([[1.0, 1.0, 0.0, 0.0], [1.0, 1.0, 0.0, 0.0]], [1.0, -np.inf], [np.inf, 0.0])
     solution = iq.solve_velocity(J, s, form=h, rows=rows)
-    assert "rows contradict each other: exceeded at row 0 by 0.5, row 1 by 0.5" in solution.reason
+    assert "limit rows conflict with each other: exceeded at row 0 by 0.5, row 1 by 0.5" in solution.reason
     widened = 0.5 * ROUNDING**0.5  # of what gives way
     assert solution.velocity[:2].sum() == pytest.approx(0.5, abs=widened)
 
@@ -203,7 +203,7 @@ def test_a_row_whose_only_side_is_all_but_zero_is_a_limit_like_any_other(side):
             for u in (np.where(upper == side, 0.0, upper), upper)
         )
         assert (near.status, at_zero.status) == ("limited", "limited"), near.reason
-        assert "contradict" not in near.reason
+        assert "conflict" not in near.reason
         # All of a velocity is shortened by what rounding is over a row, relative to it: ACTIVE_TOLERANCE at most.
         np.testing.assert_allclose(near.velocity, at_zero.velocity, rtol=ACTIVE_TOLERANCE, atol=1e-9)
         assert (C @ near.velocity <= upper + 1e-12).all()

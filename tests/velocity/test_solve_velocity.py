@@ -8,7 +8,7 @@ import pytest
 from support.velocity_reference import damped_velocity, reach_of, regular_problem, root_of
 
 import invariantqp as iq
-from invariantqp.velocity.definition import NULL
+from invariantqp.velocity.definition import NULL_WEIGHT
 
 FEW = iq.robots.Chain(
     np.column_stack(
@@ -93,9 +93,9 @@ def test_near_a_singularity_every_digit_of_the_velocity(m, damping):
         posture = rng.normal(size=m) if damping is None and rng.random() < 0.5 else None
         bounds = (np.full(m, -1e9), np.full(m, 1e9)) if rng.random() < 0.5 else None
         solution = iq.solve_velocity(J, s, point=p, length=1.0, posture=posture, bounds=bounds, damping=damping)
-        expected = damped_velocity(root @ J, root @ s, posture, lambda *_: weight)
+        expected = damped_velocity(root @ J, root @ s, posture, weight)
         # Rounding of J, relative to the weakest direction that counts; below, the null space's weight holds it.
-        rounding = 3e-13 / max(weakest, damping or 0.0) if weakest > 1e-9 else 5e-13 + weakest / NULL
+        rounding = 3e-13 / max(weakest, damping or 0.0) if weakest > 1e-9 else 5e-13 + weakest / NULL_WEIGHT
         size = np.linalg.norm(root @ s) + np.abs(expected).max()
         np.testing.assert_allclose(solution.velocity, expected, rtol=0.0, atol=rounding * size)
         assert (solution.method, solution.damping) == (("damped", damping) if damping else ("closed-form", 0.0))
@@ -229,9 +229,9 @@ def test_posture_gives_way_to_limits_before_the_task_does():
             J, s, bounds=(lower, upper), posture=np.sign(null[i]) * null, point=np.zeros(3), length=1.0
         )
         assert i in solution.active
-        # The limit takes d of joint i along H^-1 e_i, H = J'J + NULL |J|^2 n n': at most this much from the task.
+        # The limit takes d of joint i along H^-1 e_i, H = J'J + w n n': at most this much from the task.
         d, sigma = abs(null[i]) - 0.02, np.linalg.svd(J, compute_uv=False)
-        assert np.linalg.norm(solution.residual) < d * NULL * np.vdot(J, J) / (sigma[-1] * null[i] ** 2)
+        assert np.linalg.norm(solution.residual) < d * NULL_WEIGHT * np.vdot(J, J) / (sigma[-1] * null[i] ** 2)
 
 
 def test_a_zero_twist_and_a_zero_jacobian():
