@@ -238,8 +238,7 @@ class Callbacks:
         except (SolverFailure, np.linalg.LinAlgError) as failure:
             self._failure = str(failure) or excerpt(failure)
             return None
-        x, approach_scale, scale, *others = answer_fields(answer, tick)
-        return x, approach_scale, scale, answer.residual, *others
+        return answer_fields(answer, tick)
 
     def _velocity(self, tick: Tick) -> Answer:
         """By the loop's own solver; where a form has no projector, its guard leaves none of it."""

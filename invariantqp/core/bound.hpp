@@ -7,7 +7,7 @@ namespace iq {
 
 using namespace nanobind::literals;
 
-constexpr int MOST_JOINTS = 64, MOST_EXACT = 384;
+constexpr int MOST_JOINTS = 64, MOST_EXACT = 6 * MOST_JOINTS;
 
 inline Workspace& workspace()
 {
@@ -32,6 +32,23 @@ inline void check_box(Vec lower, Vec upper)
     for (int i = 0; i < lower.n; i++)
         if (!(lower[i] <= upper[i]) || lower[i] == INFINITY || upper[i] == -INFINITY)
             refuse("the bounds of joint " + std::to_string(i) + " cross");
+}
+
+// Sets the answer of another solver: velocity, approach scale, scale, residual, form share, whether limits are active,
+// relaxed or None, speed excess.
+inline void set_answer(Answer& answer, nb::handle found, const Tick& tick, Reader& read)
+{
+    const nb::tuple given = parts(found, "the answer", 8);
+    std::size_t at = 0;
+    const auto next = [&]() -> nb::object { return given[at++]; };
+    answer.velocity = read.vector(next(), "the velocity", tick.J.cols);
+    answer.approach_scale = number(next(), "the approach scale", 0, 1), answer.scale = number(next(), "the scale", 0, 1);
+    answer.residual = number(next(), "the residual", 0, LARGEST_NUMBER);
+    answer.form_share = number(next(), "the form share", 0, 1), answer.limits_active = nb::cast<bool>(next());
+    const nb::object relaxed = next();
+    answer.relaxed = relaxed.is_none() ? Vec() : read.vector(relaxed, "relaxed", tick.C.rows);
+    answer.speed_excess = number(next(), "the speed excess", 0, LARGEST_NUMBER);
+    answer.multipliers = Vec(), answer.failure = Failure::none;
 }
 
 // The fields of a VelocitySolution up to row_multipliers, method and status as numbers.

@@ -8,7 +8,7 @@ namespace {
 // Share of the acceleration limits used to brake before the target; the rest is margin for the changing Jacobian.
 constexpr double BRAKING_SHARE = 0.5;
 // Damping of joint distances to the target and of joint velocities for the feedforward, relative to |A|^2.
-constexpr double DISTANCE_DAMPING = 1e-3, FEEDFORWARD_DAMPING = 1e-6;
+constexpr double DISTANCE_DAMPING = 1e-3, FEEDFORWARD_DAMPING = DISTANCE_DAMPING * DISTANCE_DAMPING;
 constexpr double TOLERANCE_GAIN = 10;      // largest gain by which the tolerated error becomes a tolerated twist [1/s]
 constexpr double ENCODER_TOLERANCE = 1e-3; // a joint farther outside its range is reported [rad, length]
 constexpr int MOST_RESOLVES = 4;           // a tick is solved again while its velocity violates a limit before its end

@@ -169,13 +169,7 @@ class Functions {
                     answer.velocity = Vec(w, tick.J.cols, 0), answer.failure = Failure::infeasible, answer.scale = 0;
                     return answer;
                 }
-                const nb::tuple numbers = parts(found, "the answer", 8);
-                answer.velocity = read.vector(numbers[0], "the answer", tick.J.cols);
-                answer.approach_scale = number(numbers[1], "the approach scale", 0, 1), answer.scale = number(numbers[2], "the scale", 0, 1);
-                answer.residual = number(numbers[3], "the residual", 0, LARGEST_NUMBER), answer.form_share = number(numbers[4], "the form share", 0, 1);
-                answer.limits_active = nb::cast<bool>(numbers[5]);
-                answer.relaxed = numbers[6].is_none() ? Vec() : read.vector(numbers[6], "relaxed", tick.C.rows);
-                answer.speed_excess = number(numbers[7], "the speed excess", 0, LARGEST_NUMBER);
+                set_answer(answer, found, tick, read);
                 return answer;
             };
     }

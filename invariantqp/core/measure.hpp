@@ -5,8 +5,8 @@
 
 namespace iq {
 
-constexpr double LENGTH_LIMIT = 1e12;       // a length above this many of the caller's units is rounding
-constexpr double FAR = 1e6;                 // a point this many lengths away is what rounding makes of a twist
+constexpr double LENGTH_LIMIT = 1 / TERM_ROUNDING;  // a larger length is rounding [units of the caller]
+constexpr double FAR = 1e6;                         // a point this many lengths away is rounding of a twist
 
 inline Vec three(Workspace& w, double x, double y, double z)
 {
@@ -40,11 +40,11 @@ inline Vec twist_change(Mat J, Vec c)
 inline Mat root_at(Vec p, double length)
 {
     Mat root(*p.w, 6, 6, 0);
-    for (int i = 0; i < 3; i++)
+    for (int i = 0; i < 3; i++) {
+        const int j = (i + 1) % 3, k = (i + 2) % 3;
         root(i, i) = length, root(i + 3, i + 3) = 1;
-    root(3, 1) = p[2], root(3, 2) = -p[1];
-    root(4, 0) = -p[2], root(4, 2) = p[0];
-    root(5, 0) = p[1], root(5, 1) = -p[0];
+        root(i + 3, j) = p[k], root(i + 3, k) = -p[j];
+    }
     return root;
 }
 

@@ -138,19 +138,6 @@ void set_measure(Tick& tick, Vec point, double length, Mat root)
     throw nb::python_error();
 }
 
-// The answer of another solver: velocity, approach scale, scale, form share, whether limits are active, relaxed or None,
-// speed excess.
-void replace(Answer& answer, nb::handle found, const Tick& tick, Reader& read)
-{
-    const nb::tuple given = parts(found, "found", 7);
-    answer.velocity = read.vector(given[0], "found[0]", tick.J.cols);
-    answer.approach_scale = number(given[1], "found[1]", 0, 1), answer.scale = number(given[2], "found[2]", 0, 1);
-    answer.form_share = number(given[3], "found[3]", 0, 1), answer.limits_active = nb::cast<bool>(given[4]);
-    answer.relaxed = given[5].is_none() ? Vec() : read.vector(given[5], "found[5]", tick.C.rows);
-    answer.speed_excess = number(given[6], "found[6]", 0, LARGEST_NUMBER);
-    answer.multipliers = Vec(), answer.failure = Failure::none;
-}
-
 // One tick, with the memory of a loop.
 nb::tuple tick_answer(nb::object J, nb::object root, nb::object feedforward, nb::object error, nb::object position_lower,
                       nb::object position_upper, nb::object velocity_limit, nb::object last_velocity,
@@ -209,7 +196,7 @@ nb::tuple solve(nb::object J, nb::object twist, nb::object point, nb::object len
     if (answer.failure == Failure::no_pseudoinverse)
         no_projector();
     if (!found.is_none())
-        replace(answer, found, tick, read);
+        set_answer(answer, found, tick, read);
     return solution(report(tick, answer, w));
 }
 
@@ -236,7 +223,7 @@ nb::tuple solve_levels(nb::list levels, nb::object lower, nb::object upper, nb::
         refuse("there are no levels");
     Answer answer = prioritised(ticks, w);
     if (!found.is_none())
-        replace(answer, found, ticks[0], read);
+        set_answer(answer, found, ticks[0], read);
     return solution(report(ticks[0], answer, w));
 }
 
@@ -272,13 +259,14 @@ nb::tuple solve_rows(nb::object J, nb::object twist, nb::object lower, nb::objec
         common, read, w);
     const double L = length.is_none() ? 0 : number(length, "length", SMALLEST, LARGEST);
     const Mat measure = root.is_none() ? Mat() : read.matrix(root, "root", 6, 6);
-    const npy_intp of_x[2] = {n, m}, of_r[2] = {n, 6}, of_number[2] = {n, 5};
+    constexpr npy_intp NUMBERS = 5, AT_A_TIME = 64;  // columns of numbers; rows that a thread takes together
+    const npy_intp of_x[2] = {n, m}, of_r[2] = {n, 6}, of_number[2] = {n, NUMBERS};
     const nb::object velocities = new_array(2, of_x), residuals = new_array(2, of_r), numbers = new_array(2, of_number);
     double *const x = data_of(velocities), *const left = data_of(residuals), *const values = data_of(numbers);
 
     const auto row = [&](npy_intp i, Workspace& w) {
         const Workspace::Frame frame(w);
-        double* const number = values + 5 * i;
+        double* const number = values + NUMBERS * i;
         try {
             const auto part = [&](PyArrayObject* a, npy_intp width, Numbers kind) {
                 Vec v(w, static_cast<int>(width));
@@ -320,13 +308,12 @@ nb::tuple solve_rows(nb::object J, nb::object twist, nb::object lower, nb::objec
         std::atomic<npy_intp> next{0};
         const auto work = [&] {
             Workspace own;
-            constexpr npy_intp at_a_time = 64;
-            for (npy_intp first = next.fetch_add(at_a_time); first < n; first = next.fetch_add(at_a_time))
-                for (npy_intp i = first; i < std::min(n, first + at_a_time); i++)
+            for (npy_intp first = next.fetch_add(AT_A_TIME); first < n; first = next.fetch_add(AT_A_TIME))
+                for (npy_intp i = first; i < std::min(n, first + AT_A_TIME); i++)
                     row(i, own);
         };
         std::vector<std::thread> helpers;
-        for (npy_intp k = 1; k < std::min<npy_intp>(threads, n / 256); k++)
+        for (npy_intp k = 1; k < std::min<npy_intp>(threads, n / (4 * AT_A_TIME)); k++)
             helpers.emplace_back(work);
         work();
         for (std::thread& helper : helpers)

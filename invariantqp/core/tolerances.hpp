@@ -1,12 +1,13 @@
 // Tolerances that several files share, named by what they tolerate, and the range of numbers.
 #pragma once
+#include <cmath>
 #include <limits>
 
 namespace iq {
 
 // Relative to the largest number of its kind.
 constexpr double ROUNDING = 1e-9;  // of a solution; singular values below it count as zero
-constexpr double ROOT_ROUNDING = 3.1622776601683795e-05;  // its square root
+inline const double ROOT_ROUNDING = std::sqrt(ROUNDING);
 constexpr double TERM_ROUNDING = 1e-12;                   // of a sum, beside its largest term
 constexpr double PRODUCT_ROUNDING = 1e-13;                // of matrix products; of the rank of a screw system
 constexpr double UNIT_ROUNDING = 1e-15;                   // of a few operations

@@ -24,14 +24,15 @@ UNBOUNDED = 1e30
 FEASIBILITY_TOLERANCE = 1e-7
 # Far below that, above the rounding of the active-set method for cond(H) = 1e6.
 DAQP_TOLERANCE = 1e-10
-# Settings of solvers; their defaults leave errors up to 0.3 on ill-conditioned problems.
-TIGHT_SETTINGS: dict[str, dict[str, Any]] = {
-    "osqp": {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iter": 100_000},
-    "proxqp": {"eps_abs": 1e-10, "eps_rel": 0.0},
-    "piqp": {"eps_abs": 1e-10, "eps_rel": 1e-10},
-    "clarabel": {"tol_feas": 1e-10, "tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10},
-    "highs": {"primal_feasibility_tolerance": 1e-9, "dual_feasibility_tolerance": 1e-9},
-    "scs": {"eps_abs": 1e-9, "eps_rel": 1e-9},
+# Settings of solvers at this tolerance, or ten times it where they reach no more; defaults leave errors up to 0.3.
+TIGHT, REACHED = DAQP_TOLERANCE, 10.0 * DAQP_TOLERANCE
+SETTINGS: dict[str, dict[str, Any]] = {
+    "osqp": {"eps_abs": REACHED, "eps_rel": REACHED, "max_iter": 100_000},
+    "proxqp": {"eps_abs": TIGHT, "eps_rel": 0.0},
+    "piqp": {"eps_abs": TIGHT, "eps_rel": TIGHT},
+    "clarabel": {"tol_feas": TIGHT, "tol_gap_abs": TIGHT, "tol_gap_rel": TIGHT},
+    "highs": {"primal_feasibility_tolerance": REACHED, "dual_feasibility_tolerance": REACHED},
+    "scs": {"eps_abs": REACHED, "eps_rel": REACHED},
 }
 
 
@@ -119,7 +120,7 @@ class QpSolvers:
             problem = qpsolvers.Problem(H, -qp.c, stack([C[above], -C[below]]), sides)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the solver's status is checked below
-            solution = qpsolvers.solve_problem(problem, solver=self.name, **TIGHT_SETTINGS.get(self.name, {}))
+            solution = qpsolvers.solve_problem(problem, solver=self.name, **SETTINGS.get(self.name, {}))
         if not solution.found or solution.x is None:
             raise SolverFailure(self.name, "no solution found")
         return np.asarray(solution.x)

@@ -64,7 +64,8 @@ SMOOTHING = 3e-5  # 1e-3 misses singular paths by 1.7 times as much; 0 has 4 tim
 NULL_WEIGHT = 5e-6  # at 1e-3 a posture moves the tool by 2 mm at limits; at 1e-6 a rail starts in the wrong direction
 MIN_PROGRESS = 1e-3  # at 0 and 1e-4 an xArm7 led out of reach still creeps at 0.1 rad/s after nine seconds
 SCALE_WEIGHT = 1e-4  # eps, makes p unique; at 1e-3 orientations overshoot by 1.6 times as much
-ROUNDING = 1e-9  # relative; smaller singular values count as zero
+ROUNDING = 1e-9  # relative, of solutions; smaller singular values count as zero
+TERM_ROUNDING = 1e-12  # of a sum, beside its largest term
 LEAST_POWER, MOST_POWER = -8.0, 6.0  # of ten: bracket of the multiplier of the tool speed limit
 
 
@@ -390,7 +391,7 @@ def minimise(H: Array, c: Array, feasible: FeasibleSet, solver: Backend) -> Arra
         raise SolverFailure("definition", "no answer at the tool's speed limit")
     if excess(MOST_POWER) > 0.0 or excess(LEAST_POWER) <= 0.0:
         return at(MOST_POWER if excess(LEAST_POWER) > 0.0 else LEAST_POWER)
-    return at(float(brentq(excess, LEAST_POWER, MOST_POWER, xtol=1e-12)))
+    return at(float(brentq(excess, LEAST_POWER, MOST_POWER, xtol=TERM_ROUNDING)))
 
 
 def polytope_optimum(H: Array, c: Array, feasible: FeasibleSet, solver: Backend) -> Array:
@@ -401,7 +402,7 @@ def polytope_optimum(H: Array, c: Array, feasible: FeasibleSet, solver: Backend)
     inverse = np.linalg.inv(np.linalg.cholesky(H)).T  # y = inverse (e + free)
     free, N = inverse.T.dot(c), feasible.C.dot(inverse)
     size = np.linalg.norm(N, axis=1)
-    some = size > 1e-12 * np.linalg.norm(inverse)
+    some = size > TERM_ROUNDING * np.linalg.norm(inverse)
     if np.maximum(feasible.lower[~some], -feasible.upper[~some]).max(initial=0.0) > np.sqrt(ROUNDING):
         raise SolverFailure("definition", "no solution found")
     N = N[some] / size[some, None]
@@ -413,8 +414,8 @@ def polytope_optimum(H: Array, c: Array, feasible: FeasibleSet, solver: Backend)
     e = scale * solve_checked(solver, qp)
     at_high, at_low = (np.abs(N.dot(e) - side) < np.sqrt(ROUNDING) * 1e-2 * scale for side in (high, low))
     active = at_high | at_low
-    exact = np.linalg.lstsq(N[active], np.where(at_high, high, low)[active], rcond=1e-12)[0]
-    push = np.linalg.lstsq(N[active].T, exact, rcond=1e-12)[0] * np.where(at_high, -1.0, 1.0)[active]
+    exact = np.linalg.lstsq(N[active], np.where(at_high, high, low)[active], rcond=TERM_ROUNDING)[0]
+    push = np.linalg.lstsq(N[active].T, exact, rcond=TERM_ROUNDING)[0] * np.where(at_high, -1.0, 1.0)[active]
     value, margin = N.dot(exact), ROUNDING * scale
     inside = bool(((value <= high + margin) & (value >= low - margin)).all()) and push.min(initial=0.0) >= -margin
     return np.asarray(inverse.dot(free + (exact if inside else e)))

@@ -344,7 +344,7 @@ def answer_fields(answer: Answer, tick: Tick) -> tuple[Any, ...]:
         limited = limited or bool(at_bounds(C.dot(x), lower, upper).any())
         limited = limited or (P is not None and float(np.linalg.norm(P.dot(x))) >= speed * (1.0 - ACTIVE_TOLERANCE))
     scale = float(np.clip(answer.scale, 0.0, 1.0))
-    return x, answer.approach_scale, scale, answer.form_share, limited, relaxed, speed_excess
+    return x, answer.approach_scale, scale, answer.residual, answer.form_share, limited, relaxed, speed_excess
 
 
 def _by_definition(
@@ -370,7 +370,7 @@ def solution_by_definition(
         found = answer()
     except (SolverFailure, np.linalg.LinAlgError) as failure:
         rest = np.clip(np.zeros(tick.J.shape[1]), tick.lower, tick.upper)
-        held = solution_of(report(found=(rest, 1.0, 0.0, 1.0, True, None, 0.0)), names)
+        held = solution_of(report(found=(rest, 1.0, 0.0, 0.0, 1.0, True, None, 0.0)), names)
         why = (Reason(Code.NO_SOLUTION, words=str(failure)),)
         return held._replace(method="hold", status=Status.HELD, reasons=why, scale=0.0, backend="")
     solution = solution_of(report(found=answer_fields(found, tick)), names)

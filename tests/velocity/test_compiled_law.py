@@ -80,7 +80,7 @@ def distance(tick, one, other):
     return np.linalg.norm(inside(tick, one.velocity) - inside(tick, other.velocity)) / scale(tick, other.velocity)
 
 
-def test_recorded_ticks_of_every_kind_have_the_definition_s_answer():
+def test_recorded_ticks_of_every_kind_agree_with_the_definition():
     least_digits = []
     for i, (kind, tick, expected, sensitivity) in enumerate(read()):
         answer = engine(tick)
@@ -113,7 +113,7 @@ def test_recorded_ticks_of_every_kind_have_the_definition_s_answer():
 
 
 @pytest.mark.parametrize("seed", range(60))
-def test_random_ticks_have_the_definition_s_answer_or_one_inside_all_limits(seed):
+def test_random_ticks_agree_with_the_definition_or_are_inside_all_limits(seed):
     tick = random_tick(np.random.default_rng(seed + 10_000))
     answer, expected = engine(tick), solve(tick)
     if isinstance(answer, str):
@@ -237,7 +237,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_no_argument_of_another_kind_is_more_than_an_error(name, rng):
+def test_arguments_of_wrong_types_raise_errors(name, rng):
     function, arguments = getattr(_core, name.split()[0]), calls(rng)[name]
     function(**arguments)
     refused = 0

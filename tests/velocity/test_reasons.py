@@ -188,7 +188,7 @@ def test_copies_of_a_solution_have_its_reasons(copied, why):
     assert "APPROACH_SCALED" in repr(found)
 
 
-def test_a_text_is_a_reason_too():
+def test_a_text_becomes_a_reason():
     found = solution("the door is open")
     assert found.reasons == (Reason(Code.TEXT, words="the door is open"),)
     assert found.reason == "the door is open"
