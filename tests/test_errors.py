@@ -31,7 +31,7 @@ EXAMPLES = {
     "UnknownName": lambda make: make("robot", "pandda", ["panda"], ["panda", "ur5"]),
     "TaskFileError": lambda make: make("pen.toml", ["$.path: missing", "$.law: missing"]),
     "MissingExtra": lambda make: make("pin-pink", "pink"),
-    "SolverFailure": lambda make: make("daqp", "exit flag -1", infeasible=True),
+    "SolverFailure": lambda make: make("daqp", "exit flag -1"),
 }
 COPIES = {
     "copied": copy.copy,

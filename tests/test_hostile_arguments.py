@@ -42,11 +42,11 @@ NOT_CALLED = {
 # Public methods that are not called here, and why.
 INNER = {
     "called in a tick, with arguments that were checked before": "CarriedMetric.root "
-    "LimitRows.excess LimitRows.used "
+    "LimitRows.excess "
     "Clearance.in_loop Clearance.require Clearance.rows_at Clearance.rows_after "
     "Clearance.engine_in_loop Clearance.row_name Clearance.too_near "
     "OtherArm.believed BoxQP.of Chain.motions LimitRows.trusted Candidate.frame "
-    "ExactRows.on LimitRows.called "
+    "ExactRows.on LimitRows.renamed "
     "Chain.sight Chain.points "
     "InvariantFrameTask.compute_qp_objective",
     "of this package's own files, with arguments of their making": "ScrewSystem.with_tolerance ScrewSystem.derived "

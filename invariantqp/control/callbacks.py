@@ -33,9 +33,9 @@ from invariantqp.velocity.exact import ExactRows, whitened
 from invariantqp.velocity.forms import Form
 from invariantqp.velocity.guard import Guard
 from invariantqp.velocity.limits import JointBox, LimitRows, ToolSpeed
-from invariantqp.velocity.problem import found_by, names_of, solution_of
-from invariantqp.velocity.reasons import Code, Reason, told
-from invariantqp.velocity.solution import Status, VelocitySolution, both
+from invariantqp.velocity.problem import answer_fields, row_names_of, solution_of
+from invariantqp.velocity.reasons import Code, Reason, text_reasons
+from invariantqp.velocity.solution import Status, VelocitySolution, with_reasons_first
 
 
 class LoopOfUser(Protocol):
@@ -157,12 +157,12 @@ class Callbacks:
         if backend is not None:
             solution = solution._replace(backend=backend.name if solution.method == "qp" else "")
             if self._failure and solution.status is Status.HELD:
-                solution = solution._replace(reasons=(Reason(Code.NO_VELOCITY, words=self._failure),))
+                solution = solution._replace(reasons=(Reason(Code.NO_SOLUTION, words=self._failure),))
         if self._trouble is not None:
-            solution = solution._replace(reasons=both((self._trouble,), solution))
+            solution = solution._replace(reasons=with_reasons_first((self._trouble,), solution))
         if (too_near is not None or self._tells) and (broken := self._broken(too_near)):
             status = Status.LIMITED if solution.status is Status.OK else solution.status
-            solution = solution._replace(status=status, reasons=both(told(broken), solution))
+            solution = solution._replace(status=status, reasons=with_reasons_first(text_reasons(broken), solution))
         return solution
 
     def _broken(self, too_near: tuple[int, int, float] | None) -> str:
@@ -222,7 +222,7 @@ class Callbacks:
         """The answer of `velocity.definition` by the loop's own solver, None where it finds none."""
         loop = self._loop
         rows, point, exact = (fields.pop(name) for name in ("rows", "tool_speed", "exact"))
-        formed, guard, measure = fields.pop("formed"), loop.guard, fields.pop("measure")
+        has_form, guard, measure = fields.pop("has_form"), loop.guard, fields.pop("measure")
         whole = fields["root"] if measure is None else measure
         if rows is not None or point is not None:
             m = len(fields["lower"])
@@ -231,15 +231,14 @@ class Callbacks:
         if exact is not None:
             E, first, error, D = exact
             M = whitened(ExactRows(E, first + error, D if D.any() else None), whole)[0]
-            fields["exact"], fields["parts"] = (M.T.dot(E), first.dot(M), error.dot(M)), M.T.dot(D)
-        tick = Tick(**fields, form=loop.form if formed else None, guard=None if guard is None else guard.fraction)
+            fields["exact"], fields["twist_rows"] = (M.T.dot(E), first.dot(M), error.dot(M)), M.T.dot(D)
+        tick = Tick(**fields, form=loop.form if has_form else None, guard=None if guard is None else guard.fraction)
         try:
             answer = self._velocity(tick)
         except (SolverFailure, np.linalg.LinAlgError) as failure:
             self._failure = str(failure) or excerpt(failure)
             return None
-        x, pace, share, guarded, limited, relaxed, faster = found_by(answer, tick)
-        return x, pace, share, answer.missed, guarded, limited, relaxed, faster
+        return answer_fields(answer, tick)
 
     def _velocity(self, tick: Tick) -> Answer:
         """By the loop's own solver; where a form has no projector, its guard leaves none of it."""
@@ -248,7 +247,7 @@ class Callbacks:
         except InvariantQPError as none:
             if isinstance(none, SolverFailure) or tick.guard is None:
                 raise
-            return velocity(replace(tick, form=None), self._loop.backend)._replace(guarded=0.0)
+            return velocity(replace(tick, form=None), self._loop.backend)._replace(form_share=0.0)
 
 
 class LoopInEngine:
@@ -271,7 +270,7 @@ class LoopInEngine:
         self._controller, self.settings, self.state, self.asks = controller, settings, state, asks
         self.calls: Callbacks | None = Callbacks(controller) if asks else None
         rows = controller.joint_rows
-        self._row_names = names_of(None if rows is None else rows.fixed)
+        self._row_names = row_names_of(None if rows is None else rows.fixed)
         robot: Any = controller.robot
         try:
             self.loop: Any = law.Loop({**settings, "chain": robot.in_engine} if controller.by_chain else settings)

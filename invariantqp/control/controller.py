@@ -72,8 +72,8 @@ from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.guard import Guard, guard_of
 from invariantqp.velocity.limits import ToolSpeed, accelerations
 from invariantqp.velocity.problem import form_fields, no_projector
-from invariantqp.velocity.reasons import Code, told
-from invariantqp.velocity.solution import VelocitySolution, both
+from invariantqp.velocity.reasons import Code, text_reasons
+from invariantqp.velocity.solution import VelocitySolution, with_reasons_first
 
 # The default gain [1/s]: slow beside any tracking gain, fast enough to keep the arm off its limits on long paths.
 POSTURE_GAIN = 1.0
@@ -429,9 +429,9 @@ class Controller:
             raise BadInput("reason", excerpt(reason), "a text")
         arm = {} if sighting is None else {"arm": seen(sighting)}
         solution = self._tick(None, q, None, None, velocity, stand=True, **arm)
-        if not reason or any(one.code is Code.NOT_BELIEVED for one in solution.reasons):
+        if not reason or any(one.code is Code.IMPLAUSIBLE_POSITION for one in solution.reasons):
             return solution
-        return solution._replace(reasons=both(told(reason), solution))
+        return solution._replace(reasons=with_reasons_first(text_reasons(reason), solution))
 
     def _tick(
         self,

@@ -364,10 +364,10 @@ class PinkLimit(Limit):
             )
         length = np.linalg.norm(C, axis=1)
         if np.isnan(upper).any() or not np.isfinite(length).all():
-            raise _Unusable(Reason(Code.ROWS_ARE_NAN, rows=(self.name,)))
+            raise _Unusable(Reason(Code.LIMIT_NAN, rows=(self.name,)))
         still = length == 0.0
         if (upper[still] < 0.0).any() or (upper == -inf).any():
-            raise _Unusable(Reason(Code.ROWS_ALLOW_NOTHING, rows=(self.name,)))
+            raise _Unusable(Reason(Code.LIMIT_INFEASIBLE, rows=(self.name,)))
         kept = np.flatnonzero(~still & (upper < inf))
         if not len(kept):
             return None
@@ -566,7 +566,7 @@ class RowLimits:
             except BadInput as error:
                 if error.argument == "limits":
                     raise
-                return TickRows(None, Reason(Code.ROWS_REFUSED, rows=(limit.name or "rows",), words=str(error)))
+                return TickRows(None, Reason(Code.LIMIT_FAILED, rows=(limit.name or "rows",), words=str(error)))
             if rows is not None:
                 found.append(self._named(rows, limit))
         return TickRows(stacked(found))
@@ -582,7 +582,7 @@ class RowLimits:
             raise BadInput(argument, f"rows on {m} joints", f"rows on {self._m}, one for each joint")
         if rows.names or not limit.name:
             return rows
-        return rows.called(_names_of(limit.name, k))
+        return rows.renamed(_names_of(limit.name, k))
 
 
 def overrides(limit: Limit | LimitRows, method: str) -> bool:
@@ -705,7 +705,7 @@ def not_believed(robot: Robot, q: Array, believed: tuple[list[float], list[float
     beyond = np.maximum(q - upper, lower - q)
     i = int(beyond.argmax())
     outside = max(float(q[i] - robot.position_upper[i]), float(robot.position_lower[i] - q[i]))
-    return Reason(Code.NOT_BELIEVED, (i,), numbers=(float(q[i]), outside), names=(robot.names[i],))
+    return Reason(Code.IMPLAUSIBLE_POSITION, (i,), numbers=(float(q[i]), outside), names=(robot.names[i],))
 
 
 def refuse(wrong: Reason | None, argument: str) -> None:

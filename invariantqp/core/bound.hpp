@@ -1,4 +1,4 @@
-// What all functions for Python share: their workspace, numbers and tuples of arguments, solutions.
+// Shared by all bindings: the workspace, numbers and tuples of arguments, solutions.
 #pragma once
 #include "arrays.hpp"
 #include "report.hpp"
@@ -7,8 +7,7 @@ namespace iq {
 
 using namespace nanobind::literals;
 
-constexpr int MOST_JOINTS = 64, MOST_EXACT = 384;
-constexpr double SMALLEST = 1e-30, LARGEST = 1e30;  // of joint twists and lengths, as in geometry/sizes.py
+constexpr int MOST_JOINTS = 64, MOST_EXACT = 6 * MOST_JOINTS;
 
 inline Workspace& workspace()
 {
@@ -35,6 +34,23 @@ inline void check_box(Vec lower, Vec upper)
             refuse("the bounds of joint " + std::to_string(i) + " cross");
 }
 
+// Sets the answer of another solver: velocity, approach scale, scale, residual, form share, whether limits are active,
+// relaxed or None, speed excess.
+inline void set_answer(Answer& answer, nb::handle found, const Tick& tick, Reader& read)
+{
+    const nb::tuple given = parts(found, "the answer", 8);
+    std::size_t at = 0;
+    const auto next = [&]() -> nb::object { return given[at++]; };
+    answer.velocity = read.vector(next(), "the velocity", tick.J.cols);
+    answer.approach_scale = number(next(), "the approach scale", 0, 1), answer.scale = number(next(), "the scale", 0, 1);
+    answer.residual = number(next(), "the residual", 0, LARGEST_NUMBER);
+    answer.form_share = number(next(), "the form share", 0, 1), answer.limits_active = nb::cast<bool>(next());
+    const nb::object relaxed = next();
+    answer.relaxed = relaxed.is_none() ? Vec() : read.vector(relaxed, "relaxed", tick.C.rows);
+    answer.speed_excess = number(next(), "the speed excess", 0, LARGEST_NUMBER);
+    answer.multipliers = Vec(), answer.failure = Failure::none;
+}
+
 // The fields of a VelocitySolution up to row_multipliers, method and status as numbers.
 inline nb::tuple solution(const Report& found)
 {
@@ -44,7 +60,7 @@ inline nb::tuple solution(const Report& found)
     return nb::make_tuple(
         array_of(found.velocity), static_cast<int>(found.method), static_cast<int>(found.status),
         nb::bytes(reinterpret_cast<const char*>(found.reasons.data()), found.reasons.size() * sizeof(double)), active,
-        array_of(found.residual), found.share, found.damping, found.guard, array_or_none(found.multipliers),
+        array_of(found.residual), found.scale, found.damping, found.guard, array_or_none(found.multipliers),
         array_or_none(found.row_multipliers));
 }
 

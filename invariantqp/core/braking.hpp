@@ -1,23 +1,22 @@
-// Joint limits of a tick. Inside its range a joint can always stop; outside, it comes back.
+// Joint bounds of a tick. Inside its range a joint can always stop before the end; outside, it moves back.
 //
 //     |x| <= v_max,  |x - x_before| <= a dt,  D(x) = dt (x + (x - a dt) + (x - 2 a dt) + ...) + y / rate <= room
 //
-// D is what a joint travels that moves at x in this tick and brakes at a from the next on, until it is so slow, y, that it
-// can cover the rest at the rate. velocity/limits.py has the same for whoever plans.
+// D is the stopping distance of a joint that moves at x in this tick, then brakes at a until its velocity y is so low that
+// it can approach the limit at the rate. velocity/limits.py has the same for planners.
 #pragma once
 #include "matrix.hpp"
+#include "tolerances.hpp"
 
 namespace iq {
-
-constexpr double BOUNDLESS = 1e30;  // in place of infinity, whose product with zero would be NaN
 
 // The largest x >= 0 with D(x) <= room.
 inline double braking_speed(double room, double acceleration, double dt, double rate)
 {
     if (std::isinf(room))
         return room > 0 ? INFINITY : 0;
-    const double a = std::min(acceleration, BOUNDLESS), k = 1 / (rate * dt);
-    const double r = std::clamp(room, 0.0, BOUNDLESS) / (a * dt * dt);
+    const double a = std::min(acceleration, LARGEST), k = 1 / (rate * dt);
+    const double r = std::clamp(room, 0.0, LARGEST) / (a * dt * dt);
     const double n = std::max(std::ceil(std::sqrt(std::max(2 * r - k * k + k + 0.25, 0.0)) - k - 0.5), 0.0);
     return a * dt * (r + n * (0.5 * (n - 1) + k)) / (n + k);
 }
@@ -26,7 +25,7 @@ inline double late_braking(double room, double before, double dt)
 {
     if (!(before > 0))
         return 0;
-    const double d = 1 + std::clamp(room, 0.0, BOUNDLESS) / (before * dt), n = std::max(std::ceil(2 * d - 1), 1.0);
+    const double d = 1 + std::clamp(room, 0.0, LARGEST) / (before * dt), n = std::max(std::ceil(2 * d - 1), 1.0);
     return n > 1 ? before * (1 - 2 * (n - d) / std::max(n * (n - 1), 1.0)) : 0;
 }
 
@@ -39,8 +38,8 @@ struct JointLimits {
     // How far joint j is outside its range, negative inside.
     double outside(Vec q, int j) const { return std::max(q[j] - position_upper[j], position_lower[j] - q[j]); }
 };
-// Bounds of the joint velocity, all (m,); those of position limits alone; and the acceleration that a joint has to
-// exceed, 0 where it need not.
+// (m,) each: bounds of the joint velocity, those from position limits alone, and the acceleration of joints that have to
+// exceed their limit, else 0.
 struct JointBounds {
     Vec lower, upper, position_lower, position_upper, exceeded;
 };
@@ -105,7 +104,7 @@ class BoundsOfTick {
         to.upper[j] = std::max(std::min(high, most), low);
         to.position_lower[j] = std::min(low, -braked(behind, a));
         to.position_upper[j] = std::max(to.upper[j], braked(ahead, a));
-        const double rounding = 1e-9 * (1 + std::abs(before[j]) + (std::isfinite(step) ? step : 0));
+        const double rounding = ROUNDING * (1 + std::abs(before[j]) + (std::isfinite(step) ? step : 0));
         const double change = std::max(low - before[j], before[j] - to.upper[j]);
         to.exceeded[j] = change - step > rounding ? change / limits.dt : 0;
     }

@@ -9,14 +9,13 @@
 
 namespace iq {
 
-// Of the accelerations, rows take this share to brake by; the rest is for how their directions turn within a tick, and
-// between the states that are looked at.
+// Share of the accelerations by which rows brake; the rest is margin for the change of their directions within a tick and
+// between the states.
 constexpr double BRAKING = 0.7;
-// Of the ticks until one state those until the next nearer one: with a half, an arm that passes a corner at full speed
-// sees it late in one of 2000 ticks.
-constexpr double NEARER = 0.7;
+// Ratio of the times of neighbouring states; at 0.5 an arm that passes a corner at full speed detects it late in one of 2000
+// ticks.
+constexpr double TIME_RATIO = BRAKING;
 constexpr int MOST_STATES = 40;       // more than those of a million ticks
-constexpr double WHOLE_TICKS = 1e-9;  // by which a number of ticks may be below a whole one
 
 // The joints of an arm and, after them, of those around it. (M,), units SI.
 struct BrakingJoints {
@@ -100,7 +99,7 @@ struct BrakingStates {
             const bool goes_on = a[j] == 0;
             b[j] = goes_on ? 0 : std::isinf(a[j]) ? INFINITY : by_range[j] ? late(j) : fast / (ticks[j] * dt);
             const double left = std::isinf(a[j]) ? 0 : std::max(fast - b[j] * dt, 0.0);
-            whole[j] = left > 0 ? std::floor(left / (b[j] * dt) + WHOLE_TICKS) : 0;  // that y goes on, but for a rest
+            whole[j] = left > 0 ? std::floor(left / (b[j] * dt) + ROUNDING) : 0;  // that y goes on, but for a rest
             y[j] = std::copysign(left, before[j]);
             if (whole[j] > 0 && !goes_on && !by_range[j]) {
                 const double unit = BRAKING * a[j] * dt * (ticks[j] - 1);
@@ -113,7 +112,7 @@ struct BrakingStates {
                 led[up][j] = sure[up][j] + ((up ? before[j] > 0 : before[j] < 0) ? fast - left : 0);
             }
         }
-        for (double n = most; static_cast<int>(at.size()) < MOST_STATES; n = n > 1 ? std::floor(NEARER * n) : 0) {
+        for (double n = most; static_cast<int>(at.size()) < MOST_STATES; n = n > 1 ? std::floor(TIME_RATIO * n) : 0) {
             BrakingState state{n * dt, Vec(w, q.n), Vec(w, q.n), Vec(w, q.n), on};
             for (int j = 0; j < q.n; j++) {
                 const double own = std::min(n, whole[j]),

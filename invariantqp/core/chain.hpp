@@ -5,12 +5,12 @@
 // Conventions as in geometry/se3.py and [DS] Sect. 2: poses map tool coordinates to base coordinates, twists (omega; v).
 #pragma once
 #include "matrix.hpp"
+#include "tolerances.hpp"
 #include <array>
 
 namespace iq {
 
 constexpr double SMALL_ANGLE = 1e-2;  // below it [rad], series are exact to rounding, and closed coefficients are not
-constexpr double ROTATION = 1e-12;    // R R' - 1 of a rotation that needs no correction, as in geometry/arrays.py
 
 using Vec3 = std::array<double, 3>;
 using Mat3 = std::array<Vec3, 3>;  // by rows
@@ -53,9 +53,9 @@ struct Pose {
     }
     void write(double* H) const
     {
-        for (int i = 0; i < 3; i++)
-            H[4 * i] = R[i][0], H[4 * i + 1] = R[i][1], H[4 * i + 2] = R[i][2], H[4 * i + 3] = p[i];
-        H[12] = H[13] = H[14] = 0, H[15] = 1;
+        for (int i = 0; i < 3; i++, H += 4)
+            H[0] = R[i][0], H[1] = R[i][1], H[2] = R[i][2], H[3] = p[i];
+        H[0] = H[1] = H[2] = 0, H[3] = 1;
     }
 };
 inline Pose operator*(const Pose& A, const Pose& B) { return {A.R * B.R, A.R * B.p + A.p}; }
@@ -77,7 +77,7 @@ inline Pose with_rotation(Pose T)
             for (const double x : off[i])
                 most = std::max(most, std::abs(x));
         }
-        if (!(most > ROTATION))
+        if (!(most > TERM_ROUNDING))
             break;
         const Mat3 change = off * T.R;
         for (int i = 0; i < 3; i++)
@@ -148,9 +148,9 @@ inline Mat3 rotation(const Vec3& omega)
     }
     return R;
 }
-constexpr double NEARLY_HALF_TURN = 0.8 * M_PI;  // turns beyond this [rad] may keep the direction of the tick before
-// A turn as a share of a rotation vector: 1, or the other way round where it is nearly half a turn and the turn before went so.
-inline double same_way(const Vec3& omega, const Vec3& before)
+constexpr double NEARLY_HALF_TURN = 0.8 * M_PI;  // larger rotations [rad] keep the sense of the last tick
+// The factor that gives a rotation vector the sense of the last one, if it is nearly half a turn; else 1.
+inline double sense_factor(const Vec3& omega, const Vec3& before)
 {
     const double angle = norm(omega);
     return angle > NEARLY_HALF_TURN && dot(before, omega) < 0 ? (angle - 2 * M_PI) / angle : 1;

@@ -512,7 +512,7 @@ void Clearance::set_levers(int i, const std::vector<Twist>& screws)
             x = foot, slide = dot(axis, slide) * axis;
         }
         const double along = norm(slide), lever = rate > 0 ? rate * reach + along : along;
-        levers[static_cast<std::size_t>(i) * coordinate.size() + j] = std::min(lever, BOUNDLESS);
+        levers[static_cast<std::size_t>(i) * coordinate.size() + j] = std::min(lever, LARGEST);
         if (along > UNMOVED * lever) {
             const int c = arm.coordinates[j - first];
             const double low = arm.lower[c], high = arm.upper[c];
@@ -575,7 +575,7 @@ void Clearance::Mover::observe(double time, double alpha, const std::vector<doub
     else if (const double since = time - at; since == 0)
         last = place;
     else if (!fresh) {
-        if (!(since <= (2 + WHOLE_TICKS) * between))
+        if (!(since <= (2 + ROUNDING) * between))
             std::fill(found.begin(), found.end(), 0);
     } else {
         std::vector<double> way(found.size());

@@ -1,4 +1,4 @@
-// Exact demands on the tool, as parts D of the twist and what they are to be:
+// Exact demands on the tool: parts D of its twist, and their values
 //
 //     twist    omega; v = gain log(T_d T^-1) + twist_d                whole, so that limits scale it
 //     point    v + omega x p = gain (p_d - p) + v_d(p_d)              a point of the tool
@@ -20,7 +20,7 @@ struct Demand {
     int rows() const { return kind == Kind::twist ? 6 : kind == Kind::point ? 3 : kind == Kind::axis ? 2 : 1; }
 };
 
-// Rows E x = E_f + E_e: the part of the target's own twist, and that of the gain, which takes a displacement away.
+// Rows E x = E_f + E_e: the feedforward, and the gain times the error.
 struct DemandRows {
     Mat E, D;
     Vec E_f, E_e;
@@ -28,17 +28,17 @@ struct DemandRows {
 
     DemandRows(Workspace& w, int rows, int m) : E(w, rows, m, 0), D(w, rows, 6, 0), E_f(w, rows, 0), E_e(w, rows, 0) {}
 
-    // error: the twist from the tool to the target in unit time; ahead: of the target, (omega; v) in the base frame; also:
-    // the same at a share, as part of what the gain does.
+    // error: error twist; feedforward: twist of the target, in the base frame; also: share of the feedforward that is added
+    // to the part of the gain, for the delay.
     void add(const Demand& demand, Mat J, const Pose& tool, const Pose& target, double gain, const Twist& error,
-             const Twist& ahead, double also)
+             const Twist& feedforward, double also)
     {
         const int first = count;
         if (demand.kind == Demand::Kind::twist) {
             for (int i = 0; i < 3; i++) {
                 D(first + i, i) = D(first + 3 + i, 3 + i) = 1;
-                E_f[first + i] = ahead.omega[i], E_e[first + i] = gain * error.omega[i] + also * ahead.omega[i];
-                E_f[first + 3 + i] = ahead.v[i], E_e[first + 3 + i] = gain * error.v[i] + also * ahead.v[i];
+                E_f[first + i] = feedforward.omega[i], E_e[first + i] = gain * error.omega[i] + also * feedforward.omega[i];
+                E_f[first + 3 + i] = feedforward.v[i], E_e[first + 3 + i] = gain * error.v[i] + also * feedforward.v[i];
             }
             count += 6;
             E.rows_from(first, count).set(J);
@@ -50,9 +50,9 @@ struct DemandRows {
             return;
         }
         if (demand.kind == Demand::Kind::axis)
-            axis(tool.R * demand.direction, target.R * demand.direction, gain, ahead.omega, also);
+            axis(tool.R * demand.direction, target.R * demand.direction, gain, feedforward.omega, also);
         else {
-            const Vec3 here = tool * demand.point, there = target * demand.point, moves = ahead.v + cross(ahead.omega, there);
+            const Vec3 here = tool * demand.point, there = target * demand.point, moves = feedforward.v + cross(feedforward.omega, there);
             if (demand.kind == Demand::Kind::plane)
                 along(demand.direction, here, gain * (there - here), moves, also);
             else

@@ -1,22 +1,21 @@
-// Exact rows whose contradictions and dependences neither frame, unit nor choice of rows decides.
+// Exact rows in a form whose rank does not depend on frame, unit or choice of rows.
 #pragma once
 #include "law.hpp"
-#include "room.hpp"
+#include "feasible_set.hpp"
 
 namespace iq {
 
-// Demands of one twist within this share of their terms, with digits to spare, do not contradict each other: as in
-// velocity/exact.py.
-constexpr double TERMS = 1e-5;
+// Demands are compared with at least this share of the terms they sum, as in velocity/exact.py.
+constexpr double LEAST_DEMAND = 1e-5;
 
 struct ExactRows {
     Mat E, D;
     Vec f, e;
-    double contrary = 0;  // the share in which demands of one twist contradict each other
+    double inconsistency = 0;  // of the demands of dependent rows, relative
 };
 
-// Rows that are parts of the twist, E = D J, are replaced by orthonormal ones in the measure of the first body, and others
-// made as long as all of these together.
+// Replaces rows that are parts of the twist, E = D J, by orthonormal ones in the measure of the first body, and scales the
+// others to the norm of all of these together.
 inline ExactRows whitened(const Tick& tick, Workspace& w)
 {
     ExactRows rows{tick.E, tick.D, tick.E_f, tick.E_e};
@@ -38,14 +37,14 @@ inline ExactRows whitened(const Tick& tick, Workspace& w)
         measured[i].set(row / size), D[i].set(tick.D[parts[i]] / size), E[i].set(tick.E[parts[i]] / size);
         f[i] = tick.E_f[parts[i]] / size, e[i] = tick.E_e[parts[i]] / size;
         for (int j = 0; j < 6; j++)
-            terms[i] += std::abs(tick.D(parts[i], j) * (tick.ahead[j] + tick.error[j])) / size;
+            terms[i] += std::abs(tick.D(parts[i], j) * (tick.feedforward[j] + tick.error[j])) / size;
     }
     const SVD svd(measured);
     Mat M = svd.U.rows_from(0, svd.rank(ROUNDING));
     const Vec demand = f + e;
-    if (const double most = std::max(demand.norm(), TERMS * terms.norm()); most > 0)
-        rows.contrary = (demand - t(M) * (M * demand)).norm() / most;
-    rows.contrary = rows.contrary > 10 * ROUNDING ? rows.contrary : 0;
+    if (const double most = std::max(demand.norm(), LEAST_DEMAND * terms.norm()); most > 0)
+        rows.inconsistency = (demand - t(M) * (M * demand)).norm() / most;
+    rows.inconsistency = rows.inconsistency > 10 * ROUNDING ? rows.inconsistency : 0;
     for (int i = 0; i < M.rows; i++)
         M[i].scale(1 / svd.sigma[i]);
     rows.E = M * E, rows.D = M * D, rows.f = M * f, rows.e = M * e;

@@ -73,7 +73,7 @@ class TickOfFollower {
     Vec by_law()
     {
         TickInputs in;
-        in.q = position, in.ahead = wish.twist, in.at_base = wish.at_base, in.velocity = velocity, in.rise = follower.rise;
+        in.q = position, in.feedforward = wish.twist, in.at_base = wish.at_base, in.velocity = velocity, in.acceleration_rise = follower.rise;
         in.changes.speed = wish.speed;
         in.target = wish.target ? &*wish.target : nullptr;
         in.changes.limits = &follower.free;
@@ -212,13 +212,13 @@ bool Follower::observe(FollowerState& state, Vec q, bool moved_by_others) const
     for (int j = 0; j < state.m; j++) {
         rested[j] = joints.unresponsive()[j] > 0;
         const double seen = joints.positions()[j], way = q[j] - seen;
-        if (!std::isnan(seen) && set.turns[j] > 0)
-            q[j] = seen + std::remainder(way, set.turns[j]);
-        believed = believed && q[j] <= set.believed_upper[j] && q[j] >= set.believed_lower[j];
+        if (!std::isnan(seen) && set.revolution[j] > 0)
+            q[j] = seen + std::remainder(way, set.revolution[j]);
+        believed = believed && q[j] <= set.plausible_upper[j] && q[j] >= set.plausible_lower[j];
     }
     if (moved_by_others || !believed)
         std::fill(joints.positions(), joints.positions() + state.m, NAN);
-    joints.observe(q, set.dt, set.turns, set.limits.velocity);
+    joints.observe(q, set.dt, set.revolution, set.limits.velocity);
     std::copy(q.begin(), q.end(), joints.positions());
     for (int j = 0; j < state.m; j++)
         if (rested[j] && !(joints.unresponsive()[j] > 0))  // it begins to respond at the same command as before

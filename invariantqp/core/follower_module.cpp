@@ -180,7 +180,7 @@ nb::object trouble(const Follower& follower, FollowerState& state)
     if (found.code == Code::none)
         return nb::none();
     std::vector<double> reasons;
-    say(reasons, found.code, found.joints, {}, found.numbers);
+    add_reason(reasons, found.code, found.joints, {}, found.numbers);
     return nb::bytes(reinterpret_cast<const char*>(reasons.data()), reasons.size() * sizeof(double));
 }
 

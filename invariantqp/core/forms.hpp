@@ -1,17 +1,14 @@
-// What a form makes of a twist, in place of least squares.
+// The joint velocity that a form attempts for a twist, in place of least squares.
 #pragma once
 #include "law.hpp"
-#include "room.hpp"
+#include "feasible_set.hpp"
 
 namespace iq {
 
-constexpr double INDEPENDENT = 1e-13;   // singular values above this share of the largest count, as in systems/
-constexpr double NO_PROJECTOR = 1e-12;  // a form that separates less than this share of a direction has no projector
-
 struct Formed {
     Mat root;      // (k, m) of its size on y, G = root'root
-    Vec x_f, x_e;  // (m,) x_h for R ahead and for R error
-    double guarded = 1;
+    Vec x_f, x_e;  // (m,) x_h for the feedforward and for the error
+    double form_share = 1;
 };
 
 inline Mat pitch_form(double h, Workspace& w)
@@ -49,7 +46,7 @@ inline Mat weighted(const SymmetricEigen& eigen, double damping)
 inline std::optional<Formed> formed(const Tick& tick, Mat J, Mat B, const SVD& svd, Vec f, Vec e, Workspace& w)
 {
     Formed found;
-    const int r = svd.rank(INDEPENDENT);
+    const int r = svd.rank(PRODUCT_ROUNDING);
     if (tick.form == FormKind::pitch && tick.damping > 0) {
         const Mat QJ = pitch_form(tick.pitch, w) * J;
         const SymmetricEigen eigen = gram(J, tick.pitch, w);
@@ -61,7 +58,7 @@ inline std::optional<Formed> formed(const Tick& tick, Mat J, Mat B, const SVD& s
             }
             return t(eigen.V) * u;
         };
-        found = {weighted(eigen, tick.damping), damped(tick.ahead), damped(tick.error)};
+        found = {weighted(eigen, tick.damping), damped(tick.feedforward), damped(tick.error)};
     } else {
         // P = Z (K'Z)^-1 K': rows K' are zero on what the form gives up. No unit is mixed with another in Z.
         Mat across = svd.V.rows_from(0, r).copy(), rule, both;
@@ -78,7 +75,7 @@ inline std::optional<Formed> formed(const Tick& tick, Mat J, Mat B, const SVD& s
             both = rule * (tick.root * Z), u_f = rule * f, u_e = rule * e;
         } else {
             rule = t(Z) * (tick.form == FormKind::pitch ? pitch_form(tick.pitch, w) : tick.form_matrix);
-            both = rule * Z, u_f = rule * tick.ahead, u_e = rule * tick.error;
+            both = rule * Z, u_f = rule * tick.feedforward, u_e = rule * tick.error;
             double angular = 0, linear = 0, length = 0;
             for (int i = 0; i < 6; i++)
                 length += tick.root[i].part(0, 3).square() / 3;
@@ -87,7 +84,7 @@ inline std::optional<Formed> formed(const Tick& tick, Mat J, Mat B, const SVD& s
             most = std::sqrt(angular / (length + TINY) + linear);
         }
         const SVD split(both);
-        if (r && !(split.sigma[r - 1] > NO_PROJECTOR * most))
+        if (r && !(split.sigma[r - 1] > TERM_ROUNDING * most))
             return {};
         const auto attempted = [&](Vec u) { return t(across) * split.least(u, r); };
         found = {B, attempted(u_f), attempted(u_e)};
@@ -98,9 +95,9 @@ inline std::optional<Formed> formed(const Tick& tick, Mat J, Mat B, const SVD& s
         const int few = svd.rank(ROUNDING);
         const Vec least_f = svd.least(f, few), least_e = svd.least(e, few), beside = found.x_f + found.x_e - least_f - least_e;
         const double most = (B * (least_f + least_e)).norm();
-        found.guarded = std::min(1.0, std::sqrt(1 - tick.guard) * most / std::max((B * beside).norm(), TINY));
-        found.x_f = least_f + found.guarded * (found.x_f - least_f);
-        found.x_e = least_e + found.guarded * (found.x_e - least_e);
+        found.form_share = std::min(1.0, std::sqrt(1 - tick.guard) * most / std::max((B * beside).norm(), TINY));
+        found.x_f = least_f + found.form_share * (found.x_f - least_f);
+        found.x_e = least_e + found.form_share * (found.x_e - least_e);
     }
     return found;
 }

@@ -29,16 +29,16 @@ inline Mat moving_rows(Mat A, Workspace& w)
     const SVD svd(A);
     Mat M = svd.V.rows_from(0, svd.sigma.n);
     for (int i = 0; i < M.rows; i++)
-        M[i].scale(std::sqrt(1 - still(svd, i)));
+        M[i].scale(std::sqrt(1 - null_weight(svd, i)));
     return M;
 }
 
-// For the wanted twist tick.ahead: H = A'A, c = -A'b, or with a form H = G, c = -G x_h. Absent if the form has no projector.
+// For the wanted twist tick.feedforward: H = A'A, c = -A'b, or with a form H = G, c = -G x_h. Absent if the form has no projector.
 inline std::optional<Cost> frame_cost(const Tick& tick, double lm_damping, Workspace& w)
 {
     const int m = tick.J.cols;
     const Mat A = tick.root * tick.J, M = moving_rows(A, w);
-    const Vec b = tick.root * tick.ahead;
+    const Vec b = tick.root * tick.feedforward;
     const double size = A.all().square();
     Cost cost{t(A) * A, -1 * (t(A) * b), lm_damping * b.square()};
     double more = tick.damping * tick.damping;

@@ -69,12 +69,12 @@ class TickInContact {
         const ArmState arm = at(in.q);
         found.J = arm.J, tool = arm.tool;
         for (int j = 0; j < m; j++)
-            found.is_plausible = found.is_plausible && loop.settings.believed_lower[j] <= in.q[j] && in.q[j] <= loop.settings.believed_upper[j];
+            found.is_plausible = found.is_plausible && loop.settings.plausible_lower[j] <= in.q[j] && in.q[j] <= loop.settings.plausible_upper[j];
         if (!found.is_plausible) {
             found.loop = loop.tick(joints, stationary(arm), functions, w);
             return found;
         }
-        if (norm(in.target.p - loop.settings.tip) > loop.settings.far)
+        if (norm(in.target.p - loop.settings.reach_centre) > loop.settings.reach)
             throw FarTarget();
         locate_contact();
         if (before.was_touching && dot(out, before.outward) < 0) {
@@ -128,7 +128,7 @@ class TickInContact {
     TickInputs stationary(const ArmState& arm) const
     {
         TickInputs still;
-        still.q = in.q, still.velocity = in.velocity, still.stand = true, still.arm = &arm;
+        still.q = in.q, still.velocity = in.velocity, still.stand_still = true, still.arm = &arm;
         return still;
     }
     Vec along_contact(Vec twist) const { return A * (P * (t(B) * twist)); }
@@ -314,7 +314,7 @@ class TickInContact {
         if (!split.presses && joints.whole + joints.part > 0) {
             Vec there(w, m), last(w, m);
             LoopState expected = joints;
-            expected.observe(in.q, task.dt, loop.settings.turns, loop.settings.limits.velocity);
+            expected.observe(in.q, task.dt, loop.settings.revolution, loop.settings.limits.velocity);
             expected.predict(in.q, task.dt, there, last);
             then = at(there);
         }
@@ -322,7 +322,7 @@ class TickInContact {
         TickInputs next = stationary(arm);
         const Vec twist = found.motion + found.force;
         if (action != force::Action::hold) {
-            next.stand = false, next.ahead = twist, next.at_base = true, next.arm = &then, next.posture = in.posture;
+            next.stand_still = false, next.feedforward = twist, next.at_base = true, next.arm = &then, next.posture = in.posture;
             if (set.measured_at_contact)
                 next.measured_at = vec(point, w);
             if (set.force_first && n && can_yield())
@@ -372,7 +372,7 @@ class TickInContact {
         std::array<double, force::MAX_CONSTRAINTS> given{};
         const Vec rates = task.dt * (unit_rates * (t(B) * twist));
         std::copy(rates.begin(), rates.end(), given.begin());
-        const bool free = found.law.is_active && report.share > 0.9 && found.law.action == force::Action::follow && !beyond;
+        const bool free = found.law.is_active && report.scale > 0.9 && found.law.action == force::Action::follow && !beyond;
         force::commanded(state.law, task, given, outwards, free, beyond);
         state.has_ticked = true, state.tool = tool, state.was_touching = state.law.touching(), state.outward = state.was_touching ? out : Vec3{};
         state.motion = six(found.motion);

@@ -5,21 +5,20 @@
 namespace iq {
 namespace {
 
-// Share of the joints' acceleration that brakes along the distances to the target; they vary along a straight motion.
+// Share of the acceleration limits used to brake before the target; the rest is margin for the changing Jacobian.
 constexpr double BRAKING_SHARE = 0.5;
-// Of the squared size of A: damping of distances, so that near singularities no joint travels far, and of what follows a
-// moving target.
-constexpr double DAMPED_DISTANCE = 1e-3, DAMPED_PURSUIT = 1e-6;
-constexpr double SLACK_GAIN = 10;  // at most, by which an error within the slack becomes a twist that counts as nothing [1/s]
-constexpr double OUTSIDE = 1e-3;  // outside of its range a joint is reported [rad, length]; less is encoders' noise
-constexpr int AGAIN = 4;          // so often at most an answer is made again that does not keep a limit to its end
+// Damping of joint distances to the target and of joint velocities for the feedforward, relative to |A|^2.
+constexpr double DISTANCE_DAMPING = 1e-3, FEEDFORWARD_DAMPING = DISTANCE_DAMPING * DISTANCE_DAMPING;
+constexpr double TOLERANCE_GAIN = 10;      // largest gain by which the tolerated error becomes a tolerated twist [1/s]
+constexpr double ENCODER_TOLERANCE = 1e-3; // a joint farther outside its range is reported [rad, length]
+constexpr int MOST_RESOLVES = 4;           // a tick is solved again while its velocity violates a limit before its end
 
 Twist twist(Vec s) { return {vec3(s.part(0, 3)), vec3(s.part(3, 6))}; }
 
-// The same displacement turning as in the tick before, where it is nearly half a turn: same axis, same translation along it.
-Twist same_turn(const double* before, const Twist& error)
+// The error twist with the sense of rotation of the last tick, if it is nearly half a turn.
+Twist same_sense(const double* before, const Twist& error)
 {
-    const double ratio = same_way(error.omega, {before[0], before[1], before[2]});
+    const double ratio = sense_factor(error.omega, {before[0], before[1], before[2]});
     if (ratio == 1)
         return error;
     const Vec3 axis = (1 / norm(error.omega)) * error.omega;
@@ -27,8 +26,8 @@ Twist same_turn(const double* before, const Twist& error)
     return {ratio * error.omega, ratio * error.v + ((1 - ratio) * slide) * axis};
 }
 
-// The x with least |A x - b|^2 + share |A|^2 |x|^2.
-Vec damped(Mat A, Vec b, double share)
+// Minimises |A x - b|^2 + share |A|^2 |x|^2.
+Vec damped_least_squares(Mat A, Vec b, double share)
 {
     Mat S = A * t(A);
     const double least = share * A.all().square();
@@ -47,7 +46,7 @@ class TickOfLoop {
     {
     }
 
-    LoopReport all()
+    LoopReport solve()
     {
         Report found = report();
         return {std::move(found), std::move(origins)};
@@ -56,25 +55,25 @@ class TickOfLoop {
     NearestVelocity nearest(Vec wanted, bool with_share)
     {
         there = in.q, before = in.velocity;
-        arm = functions.arm ? functions.arm(there, w) : seen();
+        arm = functions.arm ? functions.arm(there, w) : arm_state();
         tick.J = arm.J;  // for the tool's speed
-        bound();
-        if (!limit_rows()) {
-            tick.root = root(), tick.ahead = tick.error = Vec(w, 6, 0);
-            return {{standing(), std::move(origins)}, 0};
+        set_bounds();
+        if (!set_limit_rows()) {
+            tick.root = root(), tick.feedforward = tick.error = Vec(w, 6, 0);
+            return {{stand_still(), std::move(origins)}, 0};
         }
-        exact(arm.tool, 0, {}, arm.J * wanted);
-        tick.D = Mat();  // no parts of what follows, which are joint velocities: twists, each of six joints
-        const int size = 6 * ((m + 5) / 6);
-        tick.J = Mat(w, size, m, 0), tick.root = Mat::identity(w, size), tick.ahead = Vec(w, size, 0), tick.error = Vec(w, size, 0);
+        set_exact(arm.tool, 0, {}, arm.J * wanted);
+        tick.D = Mat();  // below, joint velocities take the place of twists, six joints a body
+        const int size = 6 * ((m - 1) / 6 + 1);
+        tick.J = Mat(w, size, m, 0), tick.root = Mat::identity(w, size), tick.feedforward = Vec(w, size, 0), tick.error = Vec(w, size, 0);
         for (int j = 0; j < m; j++)
-            tick.J(j, j) = 1, tick.ahead[j] = wanted[j];
-        const Report report = answered();
+            tick.J(j, j) = 1, tick.feedforward[j] = wanted[j];
+        const Report report = solve_tick();
         double share = 1;
         if (with_share) {
             Tick all = tick;
             all.E = Mat::identity(w, m), all.E_f = wanted, all.E_e = Vec(w, m, 0);
-            share = velocity(all, w).share;
+            share = velocity(all, w).scale;
         }
         return {{finished(report), std::move(origins)}, share};
     }
@@ -82,13 +81,13 @@ class TickOfLoop {
   private:
     const Loop& loop;
     const LoopSettings& set;
-    LoopState& kept;  // is changed when all is known
+    LoopState& kept;  // is written at the end
     LoopState state;
     const TickInputs& in;
     const LoopFunctions& functions;
     Workspace& w;
     const int m;
-    const JointLimits &limits, &brakes;  // of this tick; and by which joints brake, which a follower does itself
+    const JointLimits &limits, &brakes;  // of this tick; those with the accelerations for braking
     const double speed;
     Vec there, before;
     ArmState arm;
@@ -98,45 +97,45 @@ class TickOfLoop {
 
     Report report()
     {
-        state.observe(in.q, set.dt, set.turns, set.limits.velocity);
+        state.observe(in.q, set.dt, set.revolution, set.limits.velocity);
         Vec last(w, m);
         state.predict(in.q, set.dt, there, last);
         before = in.velocity.w ? in.velocity : last;
-        const int unknown = not_believed();
-        if (unknown >= 0)
-            return halted(unknown);
-        arm = in.arm ? *in.arm : functions.arm ? functions.arm(there, w) : seen();
-        if (norm(place() - set.tip) > set.far)
+        const int joint = implausible_joint();
+        if (joint >= 0)
+            return stopped(joint);
+        arm = in.arm ? *in.arm : functions.arm ? functions.arm(there, w) : arm_state();
+        if (norm(target_position() - set.reach_centre) > set.reach)
             throw FarTarget();
         tick.J = arm.J;
         tick.root = root();
         if (in.part)
-            count_part();
-        tick.before = last;
+            measure_part();
+        tick.last_velocity = last;
         tick.metric = set.metric.empty() ? Mat() : view(set.metric, m, m, w);
         tick.form = set.form, tick.pitch = set.pitch, tick.damping = set.damping, tick.guard = set.guard;
         if (!set.form_matrix.empty())
             tick.form_matrix = view(set.form_matrix, 6, static_cast<int>(set.form_matrix.size() / 6), w);
-        bound();
-        const bool safe = limit_rows(), stands = in.stand || speed == 0 || !safe;
-        demand();
+        set_bounds();
+        const bool safe = set_limit_rows(), stands = in.stand_still || speed == 0 || !safe;
+        set_demand();
         if (stands)
-            return standing();
-        slow_down();
-        return finished(answered());
+            return stand_still();
+        scale_demand();
+        return finished(solve_tick());
     }
 
-    // The joint that is farthest outside where positions are believed, -1 where none is.
-    int not_believed() const
+    // The joint with the most implausible position, -1 for none.
+    int implausible_joint() const
     {
         int found = -1;
         double most = 0;
         for (int j = 0; j < m; j++)
-            if (const double by = std::max(in.q[j] - set.believed_upper[j], set.believed_lower[j] - in.q[j]); by > most)
+            if (const double by = std::max(in.q[j] - set.plausible_upper[j], set.plausible_lower[j] - in.q[j]); by > most)
                 most = by, found = j;
         return found;
     }
-    ArmState seen() const
+    ArmState arm_state() const
     {
         const Mat J(w, 6, m);
         return {J, loop.chain->state(there.p, J)};
@@ -161,25 +160,25 @@ class TickOfLoop {
         return R * (into * root_at(vec(arm.tool.p, w), 1));
     }
 
-    // Where the target is to bring the tool; where it does not say, or there is none, the arm's own place.
-    Vec3 place() const { return in.target ? in.target->p : in.part && in.part->has_point ? in.part->point : set.tip; }
+    // The desired tool position, or the centre of the reach if the target has none.
+    Vec3 target_position() const { return in.target ? in.target->p : in.part && in.part->has_point ? in.part->point : set.reach_centre; }
     bool has_target() const { return in.target || in.part; }
-    // A measure of what counts of a twist alone.
-    void count_part()
+    // The measure of the constrained part of the error.
+    void measure_part()
     {
         const bool at_point = set.measure.kind == Measure::Kind::point || set.measure.kind == Measure::Kind::own_point;
         tick.measure = tick.root;
         tick.root = at_point ? in.part->root(arm.tool, set.measure.length, w) : in.part->root_of(tick.measure, arm.tool);
-        tick.turns = in.part->turns();
+        tick.orientation_rows = in.part->turns();
     }
 
-    // Bounds of the joints, and the limit of the tool's speed.
-    void bound()
+    // Sets the joint bounds and the limit of the tool speed.
+    void set_bounds()
     {
         Vec fastest = view(limits.velocity, w);
         if (in.changes.limits || speed != 1) {
             fastest = fastest.copy();
-            for (int j = 0; j < m; j++) {  // no joint has to slow down faster than it can
+            for (int j = 0; j < m; j++) {  // joints slow down within their accelerations
                 const double most = speed > 0 ? speed * fastest[j] : 0;
                 const double slowest = limits.brakes ? std::abs(before[j]) - limits.acceleration[j] * limits.dt : 0;
                 fastest[j] = std::min(std::max(most, slowest), set.limits.velocity[j]);
@@ -200,7 +199,7 @@ class TickOfLoop {
         tick.speed = tool.limit;
         if (!in.changes.tool_speed && speed == 1)
             return;
-        double share = 0;  // joints that slow down alike, as fast as they can
+        double share = 0;  // all joints slow down alike, within their accelerations
         for (int j = 0; j < m; j++) {
             const double size = std::abs(before[j]), over = limits.brakes ? size - limits.acceleration[j] * limits.dt : -1;
             share = over > 0 ? std::max(share, over / size) : share;
@@ -211,8 +210,8 @@ class TickOfLoop {
         tick.speed = std::max(speed * tool.limit, (tick.P * slower).norm());
     }
 
-    // The rows of limits; false where one of them knows no velocity that is safe.
-    bool limit_rows()
+    // Sets the limit rows. False if some limit has no safe velocity.
+    bool set_limit_rows()
     {
         const int k = static_cast<int>(set.rows.lower.size());
         const Mat fixed = view(set.rows.C, k, m, w);
@@ -230,8 +229,8 @@ class TickOfLoop {
         }
         return true;
     }
-    // Whether limits have more rows, because the velocity x does not keep them to the tick's end.
-    bool more_rows(Vec x)
+    // Adds rows of limits that the velocity x violates before the end of the tick; whether there are any.
+    bool add_violated(Vec x)
     {
         const int before = tick.C.rows;
         for (const RowLimit& limit : functions.limits)
@@ -269,47 +268,47 @@ class TickOfLoop {
         }
     }
 
-    // What is wanted: the twist, its exact parts, the posture.
-    void demand()
+    // Sets the twist, the exact rows and the posture.
+    void set_demand()
     {
-        Vec ahead = in.ahead.w ? in.ahead : Vec(w, 6, 0), error(w, 6, 0);
+        Vec feedforward = in.feedforward.w ? in.feedforward : Vec(w, 6, 0), error(w, 6, 0);
         Pose target = in.target ? *in.target : arm.tool;
         double share = 0;
         Twist turn{};
         if (has_target()) {
             const double* last = state.turn();
-            turn = in.part ? in.part->error(arm.tool, {last[0], last[1], last[2]}) : same_turn(last, error_twist(target, arm.tool));
+            turn = in.part ? in.part->error(arm.tool, {last[0], last[1], last[2]}) : same_sense(last, error_twist(target, arm.tool));
             if (in.part)
                 target = in.part->reached(arm.tool, turn);
             std::copy(turn.omega.begin(), turn.omega.end(), state.turn());
-            error = vec(turn, w) + (late() * speed) * ahead;  // the target, too, is on by then
-            share = brakes.brakes && speed > 0 ? approach(error, speed * ahead) : 1;
+            error = vec(turn, w) + (delay() * speed) * feedforward;  // the target moves on during the delay
+            share = brakes.brakes && speed > 0 ? approach(error, speed * feedforward) : 1;
         } else if (!in.at_base) {
-            ahead = ahead.copy();
-            ahead.part(3, 6).add(1, cross(vec(arm.tool.p, w), ahead.part(0, 3)));  // v - omega x p, at the base's origin
+            feedforward = feedforward.copy();
+            feedforward.part(3, 6).add(1, cross(vec(arm.tool.p, w), feedforward.part(0, 3)));  // v - omega x p, at the base's origin
         }
         const double gain = share * set.gain;
-        tick.slack = has_target() ? set.slack * std::min(set.gain, SLACK_GAIN) * speed : 0;
-        tick.apart = set.measure.kind == Measure::Kind::point || set.measure.kind == Measure::Kind::own_point;
-        tick.ahead = ahead, tick.error = gain * error;
-        exact(target, gain, turn, ahead);
-        tick.held = set.dt + set.delay;
-        if (!has_target() || tick.C.rows)  // until accelerations let joints have another velocity
-            tick.held += 0.5 * (in.rise + braking_time());
+        tick.error_tolerance = has_target() ? set.error_tolerance * std::min(set.gain, TOLERANCE_GAIN) * speed : 0;
+        tick.separates_orientation = set.measure.kind == Measure::Kind::point || set.measure.kind == Measure::Kind::own_point;
+        tick.feedforward = feedforward, tick.error = gain * error;
+        set_exact(target, gain, turn, feedforward);
+        tick.hold_time = set.dt + set.delay;
+        if (!has_target() || tick.C.rows)  // velocities cannot change faster than accelerations allow
+            tick.hold_time += 0.5 * (in.acceleration_rise + braking_time());
         if (in.posture.w)
             tick.posture = in.posture;
         else if (!set.posture.empty()) {
-            tick.posture = Vec(w, m), tick.fastest = Vec(w, m);
+            tick.posture = Vec(w, m), tick.velocity_limit = Vec(w, m);
             for (int j = 0; j < m; j++) {
                 const double way = set.posture[j] - there[j], most = set.limits.velocity[j];
-                tick.posture[j] = set.pull[j] * (set.turns[j] > 0 ? std::remainder(way, set.turns[j]) : way);
-                tick.fastest[j] = most > 0 && std::isfinite(most) ? most : 1;
+                tick.posture[j] = set.posture_gain[j] * (set.revolution[j] > 0 ? std::remainder(way, set.revolution[j]) : way);
+                tick.velocity_limit[j] = most > 0 && std::isfinite(most) ? most : 1;
             }
         }
-        tick.missed = state.missed();
+        tick.last_residual = state.last_residual();
     }
-    // How long a command takes to act [s].
-    double late() const { return (state.whole + state.part) * set.dt; }
+    // Until a command acts [s].
+    double delay() const { return (state.whole + state.part) * set.dt; }
     double braking_time() const
     {
         double longest = 0;
@@ -317,22 +316,22 @@ class TickOfLoop {
             longest = std::max(longest, std::abs(before[j]) / brakes.acceleration[j]);
         return longest;
     }
-    void exact(const Pose& target, double gain, const Twist& error, Vec ahead)
+    void set_exact(const Pose& target, double gain, const Twist& error, Vec feedforward)
     {
-        const double also = gain * late() * speed;  // of the target's twist
+        const double also = gain * delay() * speed;  // share of the feedforward
         int count = 0;
         for (const Demand& demand : set.exact)
             count += demand.rows();
         if (functions.exact) {
             const Pose* nearest = in.part ? &target : nullptr;
-            functions.exact(there, 0, ahead, nearest, tick);
+            functions.exact(there, 0, feedforward, nearest, tick);
             const Vec still = tick.E_f.copy();
-            functions.exact(there, gain, (1 + also) * ahead, nearest, tick);
+            functions.exact(there, gain, (1 + also) * feedforward, nearest, tick);
             tick.E_e = tick.E_f - still, tick.E_f = still;
         } else if (count) {
             DemandRows rows(w, count, m);
             for (const Demand& demand : set.exact)
-                rows.add(demand, arm.J, arm.tool, target, gain, error, twist(ahead), also);
+                rows.add(demand, arm.J, arm.tool, target, gain, error, twist(feedforward), also);
             tick.E = rows.E, tick.D = rows.D, tick.E_f = rows.E_f, tick.E_e = rows.E_e;
         }
         tick.exact_rank = in.E.w ? 0 : set.exact_rank;
@@ -345,33 +344,33 @@ class TickOfLoop {
         tick.E = tick.E.w ? stacked(tick.E, in.E) : in.E;
     }
 
-    // b, the share of the gain from which joints can brake before the target. It also keeps room to brake before the
-    // error is least, where the target is out of reach and joints are fast while the tool is not: the bounds of a joint that
-    // goes on at c = x_before - x(feedforward) are the speeds from which it brakes within t |c|, t as in `time_to_least`.
-    double approach(Vec error, Vec ahead)
+    // b, the largest share of the gain at which the joints can brake before the target. Also bounds the joint velocities so
+    // that joints can brake before the error is least, for targets out of reach: a joint at c = x_before - x(feedforward)
+    // must be able to brake within t |c|, t = time_to_least.
+    double approach(Vec error, Vec feedforward)
     {
         Mat A = tick.root * tick.J;
-        const Vec e = tick.root * error, f = tick.root * ahead;
+        const Vec e = tick.root * error, f = tick.root * feedforward;
         Mat T;
         if (tick.metric.w)
             T = inverse(cholesky(tick.metric)), A = A * T;
         const auto joints = [&](Vec b, double share) {
-            const Vec y = damped(A, b, share);
+            const Vec y = damped_least_squares(A, b, share);
             return T.w ? T * y : y;
         };
-        const Vec distance = joints(e, DAMPED_DISTANCE);
-        const Vec follows = f.square() > 0 ? joints(f, DAMPED_PURSUIT) : Vec(w, m, 0), c = before - follows;
+        const Vec distance = joints(e, DISTANCE_DAMPING);
+        const Vec follows = f.square() > 0 ? joints(f, FEEDFORWARD_DAMPING) : Vec(w, m, 0), c = before - follows;
         const double gain = speed * set.gain, dt = limits.dt, time = time_to_least(e, c);
         double share = 1;
         for (int j = 0; j < m; j++) {
             const double a = brakes.acceleration[j], braking = BRAKING_SHARE * a, way = std::abs(distance[j]);
-            const double knee = braking / (gain * gain), lag = 2 * braking * in.rise;
+            const double knee = braking / (gain * gain), lag = 2 * braking * in.acceleration_rise;
             if (way > knee)
                 share = std::min(share, (std::sqrt(lag * lag + braking * (2 * way - knee)) - lag) / (gain * way));
             const double size = std::abs(c[j]);
-            if (size == 0 || tick.C.rows)  // rows may ask joints to go on
+            if (size == 0 || tick.C.rows)  // rows may require motion
                 continue;
-            const double stops = in.rise > 0 ? std::sqrt(lag * lag + 2 * braking * time * size) - lag : braking_speed(time * size, braking, dt, 1 / dt);
+            const double stops = in.acceleration_rise > 0 ? std::sqrt(lag * lag + 2 * braking * time * size) - lag : braking_speed(time * size, braking, dt, 1 / dt);
             const double most = std::max(stops, std::max(limits.brakes ? size - dt * a : 0, dt * a));
             if (c[j] < 0)
                 tick.lower[j] = std::min(std::max(tick.lower[j], follows[j] - most), tick.upper[j]);
@@ -380,30 +379,30 @@ class TickOfLoop {
         }
         return share;
     }
-    // Until the measured error e is least, or greatest, while joints go on at c; infinite where it stays:
-    //     t = (|e'A c| + slack |A c|) / (|A c|^2 + max(0, -e'R b)),   b = sum over j < i of c_j c_i [J_j, J_i]
+    // Until the measured error e is least, or greatest, at constant joint velocity c; infinite if it does not change:
+    //     t = (|e'A c| + tolerance |A c|) / (|A c|^2 + max(0, -e'R b)),   b = sum over j < i of c_j c_i [J_j, J_i]
     double time_to_least(Vec e, Vec c) const
     {
-        const Vec moved = tick.root * (tick.J * c), bent = tick.root * turning(tick.J, c);
+        const Vec moved = tick.root * (tick.J * c), bent = tick.root * twist_change(tick.J, c);
         const double change = moved.square() + std::max(0.0, -e.dot(bent));
-        return change > 0 ? (std::abs(e.dot(moved)) + set.slack * moved.norm()) / change : INFINITY;
+        return change > 0 ? (std::abs(e.dot(moved)) + set.error_tolerance * moved.norm()) / change : INFINITY;
     }
 
-    // All that is wanted, at a share of its speed; the way is the same.
-    void slow_down()
+    // Scales the whole demand by the speed.
+    void scale_demand()
     {
         if (speed == 1)
             return;
-        tick.ahead = speed * tick.ahead, tick.error = speed * tick.error, tick.held /= speed;
+        tick.feedforward = speed * tick.feedforward, tick.error = speed * tick.error, tick.hold_time /= speed;
         if (tick.E.w)
             tick.E_f = speed * tick.E_f, tick.E_e = speed * tick.E_e;
         if (tick.posture.w)
             tick.posture = speed * tick.posture;
-        if (tick.fastest.w)
-            tick.fastest = speed * tick.fastest;
+        if (tick.velocity_limit.w)
+            tick.velocity_limit = speed * tick.velocity_limit;
     }
 
-    Answer solved(const Tick& of) const
+    Answer solve_law(const Tick& of) const
     {
         const auto by_law = [&](const Tick& tick) { return functions.law ? functions.law(tick) : velocity(tick, w); };
         Answer found = by_law(of);
@@ -411,63 +410,63 @@ class TickOfLoop {
             return found;
         if (of.guard < 0)
             throw NoProjector();
-        Tick plain = of;  // the form serves nothing here, and its guard leaves none of it
+        Tick plain = of;  // the form has no projector here: least squares, as a full guard
         plain.form = FormKind::none;
         found = by_law(plain);
-        found.guarded = 0;
+        found.form_share = 0;
         return found;
     }
-    Report answered()
+    Report solve_tick()
     {
-        Answer answer = solved(tick);
+        Answer answer = solve_law(tick);
         Report found = iq::report(tick, answer, w);
-        for (int again = 0; again < AGAIN && more_rows(found.velocity); again++) {
-            answer = solved(tick);
+        for (int again = 0; again < MOST_RESOLVES && add_violated(found.velocity); again++) {
+            answer = solve_law(tick);
             found = iq::report(tick, answer, w);
         }
-        state.missed() = answer.failure == Failure::none ? answer.missed : 0;
+        state.last_residual() = answer.failure == Failure::none ? answer.residual : 0;
         return found;
     }
 
-    // Standing still or, where limits do not allow that, the least motion back inside them.
-    Report standing()
+    // Zero velocity or, if the limits forbid it, the least motion back inside them.
+    Report stand_still()
     {
         Tick still = tick;
-        still.ahead = still.error = Vec(w, 6, 0), still.E = still.D = Mat(), still.posture = still.fastest = Vec();
-        still.before = Vec(w, m, 0), still.missed = 0, still.form = FormKind::none;
-        Answer answer = solved(still);
-        tick.ahead = tick.ahead + tick.error, tick.error = Vec(w, 6, 0);
+        still.feedforward = still.error = Vec(w, 6, 0), still.E = still.D = Mat(), still.posture = still.velocity_limit = Vec();
+        still.last_velocity = Vec(w, m, 0), still.last_residual = 0, still.form = FormKind::none;
+        Answer answer = solve_law(still);
+        tick.feedforward = tick.feedforward + tick.error, tick.error = Vec(w, 6, 0);
         Report found = iq::report(still, answer, w);
         found.reasons.clear();
         if (speed == 0)
-            say(found.reasons, Code::stopped);
+            add_reason(found.reasons, Code::speed_zero);
         if (found.velocity.square() > 0)
-            say(found.reasons, Code::moving_back);
+            add_reason(found.reasons, Code::moving_back);
         else
-            found.method = Method::hold, found.share = 0;
+            found.method = Method::hold, found.scale = 0;
         found.status = Status::held;
-        found.residual = tick.ahead - tick.J * found.velocity;
-        state.missed() = 0;
+        found.residual = tick.feedforward - tick.J * found.velocity;
+        state.last_residual() = 0;
         return finished(found);
     }
-    // Joint positions that cannot be true: the joints come to rest as fast as their accelerations allow.
-    Report halted(int joint)
+    // Implausible joint positions: the joints brake to rest at their acceleration limits.
+    Report stopped(int joint)
     {
         Report found;
         found.velocity = Vec(w, m, 0);
         for (int j = 0; limits.brakes && j < m; j++)
             found.velocity[j] = std::copysign(std::max(std::abs(before[j]) - set.dt * limits.acceleration[j], 0.0), before[j]);
-        found.residual = in.ahead.w && !has_target() ? in.ahead : Vec(w, 6, 0);
-        found.status = Status::held, found.method = Method::hold, found.share = 0;
+        found.residual = in.feedforward.w && !has_target() ? in.feedforward : Vec(w, 6, 0);
+        found.status = Status::held, found.method = Method::hold, found.scale = 0;
         const double q = in.q[joint];
-        say(found.reasons, Code::not_believed, {joint}, {},
+        add_reason(found.reasons, Code::implausible_position, {joint}, {},
             {q, std::max(q - set.position_upper[joint], set.position_lower[joint] - q)});
         kept = state;
         kept.remember(Vec(w, m, NAN), found.velocity, 0);
         return found;
     }
 
-    // With what of the joints is to be said, the worst first; the state is that of the next tick.
+    // Adds the reasons about the joints, the most severe first, and updates the state.
     Report finished(Report found)
     {
         std::vector<double> reasons;
@@ -475,20 +474,20 @@ class TickOfLoop {
         const LoopState::Trouble trouble = state.trouble(set.dt, set.gain, fastest, has_target());
         bool degraded = trouble.code != Code::none;
         if (degraded)
-            say(reasons, trouble.code, trouble.joints, {}, trouble.numbers);
+            add_reason(reasons, trouble.code, trouble.joints, {}, trouble.numbers);
         std::vector<std::pair<double, int>> out, fast;
         for (int j = 0; j < m; j++) {
             const bool active = std::find(found.active.begin(), found.active.end(), j) != found.active.end();
-            if (const double by = limits.outside(in.q, j); by > OUTSIDE && (limits.brakes || active))
+            if (const double by = limits.outside(in.q, j); by > ENCODER_TOLERANCE && (limits.brakes || active))
                 out.emplace_back(-by, j);
             if (bounds.exceeded[j] > 0)
                 fast.emplace_back(-bounds.exceeded[j], j);
         }
         std::stable_sort(out.begin(), out.end()), std::stable_sort(fast.begin(), fast.end());
         for (const auto& [by, j] : out)
-            say(reasons, Code::outside, {j}, {}, {-by});
+            add_reason(reasons, Code::outside_position_limits, {j}, {}, {-by});
         for (const auto& [by, j] : fast)
-            say(reasons, Code::acceleration, {j}, {}, {-by, limits.acceleration[j]});
+            add_reason(reasons, Code::acceleration_exceeded, {j}, {}, {-by, limits.acceleration[j]});
         degraded = degraded || !fast.empty() || (limits.brakes && !out.empty());
         if (degraded && found.status != Status::held)
             found.status = Status::degraded;
@@ -499,7 +498,7 @@ class TickOfLoop {
         if (in.part)
             found.residual = in.part->part(found.residual, arm.tool);
         kept = state;
-        kept.remember(in.q, found.velocity, state.missed());
+        kept.remember(in.q, found.velocity, state.last_residual());
         return found;
     }
 };
@@ -508,7 +507,7 @@ class TickOfLoop {
 
 LoopReport Loop::tick(LoopState& state, const TickInputs& in, const LoopFunctions& functions, Workspace& w) const
 {
-    return TickOfLoop(*this, state, in, functions, w).all();
+    return TickOfLoop(*this, state, in, functions, w).solve();
 }
 
 NearestVelocity Loop::nearest(Vec wanted, bool with_share, const TickInputs& in, const LoopFunctions& functions, Workspace& w) const

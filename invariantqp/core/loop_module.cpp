@@ -1,20 +1,21 @@
 // Loops for Python: the classes Loop and LoopState of invariantqp._core.
 #include "bound.hpp"
 #include "loop_module.hpp"
+#include "measure.hpp"
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/tuple.h>
 
 namespace iq {
 namespace {
 
-constexpr int MOST_LATE = 10000;             // ticks of delay, as in control/tracking.py
+constexpr int MOST_DELAY = 10000;  // ticks, as in control/tracking.py
 
 JointLimits limits_of(const Fields& f)
 {
     JointLimits limits;
     limits.position_lower = f.numbers("position_lower"), limits.position_upper = f.numbers("position_upper");
     limits.velocity = f.numbers("velocity_limit"), limits.acceleration = f.numbers("acceleration");
-    limits.dt = f.number("dt", 1e-30, 1e30), limits.rate = f.number("rate", 0, 1e30);
+    limits.dt = f.number("dt", SMALLEST, LARGEST), limits.rate = f.number("rate", 0, LARGEST);
     for (std::size_t j = 0; j < limits.velocity.size(); j++) {
         limits.brakes = limits.brakes || limits.acceleration[j] < INFINITY;
         if (!(limits.velocity[j] >= 0 && limits.acceleration[j] > 0 && limits.position_lower[j] <= limits.position_upper[j]))
@@ -38,13 +39,13 @@ Demand demand_of(nb::handle value, Reader& read, int m)
     if (kind != "joints")
         refuse("exact has a kind that there is not");
     const Vec row = read.vector(given[1], "exact", m);
-    return {Demand::Kind::joints, {}, {}, {row.begin(), row.end()}, number(given[2], "exact", -1e300, 1e300)};
+    return {Demand::Kind::joints, {}, {}, {row.begin(), row.end()}, number(given[2], "exact", -LARGEST_NUMBER, LARGEST_NUMBER)};
 }
 ToolSpeed tool_speed_of(nb::handle value, Reader& read)
 {
     const nb::tuple given = parts(value, "tool_speed", 2);
     const Vec p = read.vector(given[1], "tool_speed[1]", 3);
-    return {number(given[0], "tool_speed[0]", 0, 1e300), {p[0], p[1], p[2]}};
+    return {number(given[0], "tool_speed[0]", 0, LARGEST_NUMBER), {p[0], p[1], p[2]}};
 }
 
 void make_loop(Loop* made, nb::dict given)
@@ -59,8 +60,8 @@ void make_loop(Loop* made, nb::dict given)
     LoopSettings set;
     set.joints = m;
     set.limits = limits_of(f);
-    set.dt = set.limits.dt, set.delay = f.number("delay", 0, MOST_LATE * set.dt), set.gain = f.number("gain", 0, 1e30);
-    set.slack = f.number("slack", 0, 1e30);
+    set.dt = set.limits.dt, set.delay = f.number("delay", 0, MOST_DELAY * set.dt), set.gain = f.number("gain", 0, LARGEST);
+    set.error_tolerance = f.number("slack", 0, LARGEST);
     set.measure.length = f.number("length", SMALLEST, LARGEST);
     const std::string measured = f.word("measured");
     using Kind = Measure::Kind;
@@ -70,9 +71,9 @@ void make_loop(Loop* made, nb::dict given)
     set.measure.root = f.matrix("root", 6, 6);
     if ((set.measure.kind == Kind::base || set.measure.kind == Kind::tool) && set.measure.root.empty())
         refuse("root is missing");
-    set.believed_lower = f.numbers("believed_lower"), set.believed_upper = f.numbers("believed_upper");
+    set.plausible_lower = f.numbers("believed_lower"), set.plausible_upper = f.numbers("believed_upper");
     set.position_lower = f.numbers("range_lower"), set.position_upper = f.numbers("range_upper");
-    set.turns = f.numbers("turns"), set.tip = f.point("tip"), set.far = f.number("far", 0, INFINITY);
+    set.revolution = f.numbers("turns"), set.reach_centre = f.point("tip"), set.reach = f.number("far", 0, INFINITY);
     if (f.has("tool_speed"))
         set.tool_speed = tool_speed_of(f["tool_speed"], read);
     if (f.has("rows")) {
@@ -87,7 +88,7 @@ void make_loop(Loop* made, nb::dict given)
     for (nb::handle demand : nb::cast<nb::tuple>(f["exact"]))
         set.exact.push_back(demand_of(demand, read, m));
     set.exact_rank = static_cast<int>(f.number("exact_rank", 0, MOST_EXACT));
-    set.posture = f.numbers("posture", m), set.pull = f.numbers("pull", m);
+    set.posture = f.numbers("posture", m), set.posture_gain = f.numbers("pull", m);
     set.metric = f.matrix("metric", m, m);
     if (bool positive = true; !set.metric.empty()) {
         cholesky(read.matrix(f["metric"], "metric", m, m), &positive);
@@ -99,7 +100,7 @@ void make_loop(Loop* made, nb::dict given)
         const std::string kind = nb::cast<std::string>(form[0]);
         set.form = kind == "pitch" ? FormKind::pitch : kind == "complement" ? FormKind::complement : FormKind::definite;
         if (set.form == FormKind::pitch)
-            set.pitch = number(form[1], "form[1]", -1e150, 1e150);
+            set.pitch = number(form[1], "form[1]", -LARGEST_TO_SQUARE, LARGEST_TO_SQUARE);
         else {
             const Mat Q = read.matrix(form[1], "form[1]", 6, set.form == FormKind::definite ? 6 : -1);
             if (Q.cols > 6)
@@ -113,30 +114,30 @@ void make_loop(Loop* made, nb::dict given)
         made->chain = nb::cast<const Chain&>(f["chain"]);
 }
 
-// A problem that another solver answers, by the names of definition.Tick.
+// A tick for another solver, by the names of definition.Tick.
 nb::dict tick_fields(const Tick& tick)
 {
     nb::dict d;
     d["J"] = matrix_or_none(tick.J), d["root"] = matrix_or_none(tick.root), d["measure"] = matrix_or_none(tick.measure), d["metric"] = matrix_or_none(tick.metric);
-    d["ahead"] = array_of(tick.ahead), d["error"] = array_of(tick.error);
+    d["feedforward"] = array_of(tick.feedforward), d["error"] = array_of(tick.error);
     d["lower"] = array_of(tick.lower), d["upper"] = array_of(tick.upper);
     d["position_lower"] = array_of(tick.position_lower), d["position_upper"] = array_of(tick.position_upper);
     d["rows"] = tick.C.rows ? nb::object(nb::make_tuple(matrix_or_none(tick.C), array_of(tick.row_lower), array_of(tick.row_upper))) : nb::none();
     d["tool_speed"] = tick.P.w ? nb::object(nb::make_tuple(matrix_or_none(tick.P), tick.speed)) : nb::none();
     d["exact"] = tick.E.w ? nb::object(nb::make_tuple(matrix_or_none(tick.E), array_of(tick.E_f), array_of(tick.E_e), matrix_or_none(tick.D))) : nb::none();
     d["exact_rank"] = tick.exact_rank;
-    d["posture"] = array_or_none(tick.posture), d["fastest"] = array_or_none(tick.fastest);
-    d["held"] = tick.held, d["before"] = array_or_none(tick.before), d["missed"] = tick.missed;
-    d["formed"] = tick.form != FormKind::none, d["damping"] = tick.damping;
+    d["posture"] = array_or_none(tick.posture), d["velocity_limit"] = array_or_none(tick.velocity_limit);
+    d["hold_time"] = tick.hold_time, d["last_velocity"] = array_or_none(tick.last_velocity), d["last_residual"] = tick.last_residual;
+    d["has_form"] = tick.form != FormKind::none, d["damping"] = tick.damping;
     return d;
 }
 
-// The user's functions, called with new arrays.
+// User functions, called with new arrays.
 class Functions {
   public:
     LoopFunctions functions;
 
-    // (arm, limits, exact, law), functions or None; each limit is a ClearanceInLoop, or its functions (rows, after)
+    // (arm, limits, exact, law), functions or None; each limit is a ClearanceInLoop or functions (rows, after).
     Functions(nb::handle given, Reader& read, int m, Workspace& w)
     {
         if (given.is_none())
@@ -165,16 +166,10 @@ class Functions {
                 const nb::object found = law(tick_fields(tick));
                 Answer answer;
                 if (found.is_none()) {
-                    answer.velocity = Vec(w, tick.J.cols, 0), answer.failure = Failure::infeasible, answer.share = 0;
+                    answer.velocity = Vec(w, tick.J.cols, 0), answer.failure = Failure::infeasible, answer.scale = 0;
                     return answer;
                 }
-                const nb::tuple numbers = parts(found, "the answer", 8);
-                answer.velocity = read.vector(numbers[0], "the answer", tick.J.cols);
-                answer.pace = number(numbers[1], "the pace", 0, 1), answer.share = number(numbers[2], "the share", 0, 1);
-                answer.missed = number(numbers[3], "what is missed", 0, 1e300), answer.guarded = number(numbers[4], "guarded", 0, 1);
-                answer.limited = nb::cast<bool>(numbers[5]);
-                answer.relaxed = numbers[6].is_none() ? Vec() : read.vector(numbers[6], "relaxed", tick.C.rows);
-                answer.faster = number(numbers[7], "faster", 0, 1e300);
+                set_answer(answer, found, tick, read);
                 return answer;
             };
     }
@@ -190,7 +185,7 @@ class Functions {
         }
         const nb::tuple both = parts(given, "a limit", 2);
         const nb::object rows = both[0], after = both[1];
-        const auto told = [&read, m](nb::handle found) -> RowsOfTick {
+        const auto read_rows = [&read, m](nb::handle found) -> RowsOfTick {
             if (found.is_none())
                 return {};
             const nb::tuple three = parts(found, "rows", 3);
@@ -199,19 +194,19 @@ class Functions {
             check_box(low, high);
             return {C, low, high};
         };
-        limit.rows = [rows, told](Vec there, Vec before) -> std::optional<RowsOfTick> {
+        limit.rows = [rows, read_rows](Vec there, Vec before) -> std::optional<RowsOfTick> {
             const nb::object found = rows(array_of(there), array_of(before));
             if (found.ptr() == Py_False)
                 return std::nullopt;
-            return told(found);
+            return read_rows(found);
         };
         if (!after.is_none())
-            limit.after = [after, told](Vec there, Vec x) { return told(after(array_of(there), array_of(x))); };
+            limit.after = [after, read_rows](Vec there, Vec x) { return read_rows(after(array_of(there), array_of(x))); };
         return limit;
     }
 };
 
-// Of the first clearance that is not kept: which limit it is, which pair of bodies, and their distance; or None.
+// The first violated clearance: index of the limit, pair of bodies and distance; or None.
 nb::object too_near(const LoopFunctions& functions)
 {
     for (std::size_t i = 0; i < functions.limits.size(); i++)
@@ -221,7 +216,7 @@ nb::object too_near(const LoopFunctions& functions)
     return nb::none();
 }
 
-// (k,) limit, pair and distance of rows; None where there are none.
+// (k,) limit, pair and distance of each row; None without rows.
 nb::object bytes_of(const std::vector<RowOrigin>& rows)
 {
     if (rows.empty())
@@ -256,7 +251,7 @@ nb::object tick(const Loop& loop, LoopState& state, nb::object q, nb::object tar
     TickInputs in;
     Pose wanted;
     PartialTarget counts;
-    ArmState seen;
+    ArmState state_of_arm;
     JointLimits limits;
     ToolSpeed tool_speed;
     in.q = read.vector(q, "q", m);
@@ -265,14 +260,14 @@ nb::object tick(const Loop& loop, LoopState& state, nb::object q, nb::object tar
     if (!part.is_none())
         counts = partial_target(part, read), in.part = &counts;
     if (!ahead.is_none()) {
-        in.ahead = read.vector(ahead, "twist", 6);
-        for (const double x : in.ahead)
-            if (!(std::abs(x) <= 1e12))
+        in.feedforward = read.vector(ahead, "twist", 6);
+        for (const double x : in.feedforward)
+            if (!(std::abs(x) <= LENGTH_LIMIT))
                 refuse("twist has a number above 1e12");
     }
     if (!velocity.is_none())
         in.velocity = read.vector(velocity, "velocity", m);
-    in.at_base = at_base, in.stand = stand;
+    in.at_base = at_base, in.stand_still = stand;
     if (!changes.is_none()) {  // speed, limits or None, tool speed or None
         const nb::tuple given = parts(changes, "changes", 3);
         in.changes.speed = number(given[0], "speed", 0, 1);
@@ -290,9 +285,9 @@ nb::object tick(const Loop& loop, LoopState& state, nb::object q, nb::object tar
             in.D = read.matrix(given[2], "rows[2]", in.E.rows, 6);
     }
     if (!arm.is_none()) {
-        const nb::tuple given = parts(arm, "sighting", 2);
-        seen = {read.matrix(given[0], "sighting[0]", 6, m), read_pose(given[1], "sighting[1]", read)};
-        in.arm = &seen;
+        const nb::tuple given = parts(arm, "arm", 2);
+        state_of_arm = {read.matrix(given[0], "arm[0]", 6, m), read_pose(given[1], "arm[1]", read)};
+        in.arm = &state_of_arm;
     }
     if (!measured_at.is_none())
         in.measured_at = read.vector(measured_at, "measured_at", 3);
@@ -339,7 +334,7 @@ void bind_loop(nb::module_& m)
     using State = std::tuple<int, int, double, nb::bytes>;
     nb::class_<LoopState>(m, "LoopState", "What a loop remembers between two ticks; a value.")
         .def("__init__", [](LoopState* made, int joints, double delay, double dt) {
-            if (joints < 1 || joints > MOST_JOINTS || !(dt > 0) || !(delay >= 0 && delay <= MOST_LATE * dt))
+            if (joints < 1 || joints > MOST_JOINTS || !(dt > 0) || !(delay >= 0 && delay <= MOST_DELAY * dt))
                 refuse("joints, delay and dt are those of no loop");
             new (made) LoopState(joints, delay, dt);
         }, "joints"_a, "delay"_a, "dt"_a)
@@ -358,7 +353,7 @@ void bind_loop(nb::module_& m)
         })
         .def("__setstate__", [](LoopState& s, const State& given) {
             const auto& [joints, whole, part, bytes] = given;
-            if (joints < 1 || joints > MOST_JOINTS || whole < 0 || whole > MOST_LATE || !(part >= 0 && part <= 1))
+            if (joints < 1 || joints > MOST_JOINTS || whole < 0 || whole > MOST_DELAY || !(part >= 0 && part <= 1))
                 refuse("this is no state of a loop");
             LoopState made(joints, whole, 1);
             made.part = part;

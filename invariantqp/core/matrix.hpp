@@ -6,6 +6,7 @@
 //     A * x,  A * B,  A * t(B),  t(A) * x,  t(A) * B        products; zeros of the left factor of A * B cost nothing
 //     A[i]  row i        A.rows_from(i, j)  rows i to j-1        x.part(i, j)  elements i to j-1
 #pragma once
+#include "tolerances.hpp"
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -453,6 +454,8 @@ inline Mat upper_root(Mat A)
     return U;
 }
 
+constexpr int MOST_SWEEPS = 60;  // of Jacobi's rotations; ten are usual
+
 // The rotation that makes [[a, b], [b, c]] diagonal.
 struct Rotation {
     double c, s;
@@ -480,7 +483,7 @@ inline void orthogonalise(Mat W, Mat B)
 {
     const double least = 1e-32 * W.all().square();
     bool rotated = true;
-    for (int sweep = 0; rotated && sweep < 60; sweep++) {
+    for (int sweep = 0; rotated && sweep < MOST_SWEEPS; sweep++) {
         rotated = false;
         for (int i = 0; i < W.rows; i++)
             for (int j = i + 1; j < W.rows; j++) {
@@ -539,7 +542,7 @@ struct SVD {
         for (int i = 0; i < k; i++) {
             sigma[i] = size[order[i]];
             turned[i].set(B[order[i]]);
-            if (sigma[i] > 1e-15 * sigma[0])
+            if (sigma[i] > UNIT_ROUNDING * sigma[0])
                 sorted[rank++].set(W[order[i]] / sigma[i]);
         }
         complete(sorted, rank);
@@ -560,7 +563,7 @@ struct SymmetricEigen {
         Mat M = S.copy();
         const double least = 1e-36 * M.all().square();
         bool rotated = true;
-        for (int sweep = 0; rotated && sweep < 60; sweep++) {
+        for (int sweep = 0; rotated && sweep < MOST_SWEEPS; sweep++) {
             rotated = false;
             for (int i = 0; i < n; i++)
                 for (int j = i + 1; j < n; j++) {

@@ -1,14 +1,12 @@
 // The size of a twist, |root s|^2 = L^2 |omega|^2 + |v at a point|^2: velocity/measure.py and systems/points.py say why.
 #pragma once
 #include "matrix.hpp"
+#include "tolerances.hpp"
 
 namespace iq {
 
-constexpr double LENGTH_LIMIT = 1e12;       // a length above this many of the caller's units is rounding
-constexpr double POINT_ROUNDING = 1e-12;    // of the terms that a length is computed from
-constexpr double FAR = 1e6;                 // a point this many lengths away is what rounding makes of a twist
-constexpr double SLIDES = 1e-9;             // a joint whose turning counts for less beside its sliding only slides
-
+constexpr double LENGTH_LIMIT = 1 / TERM_ROUNDING;  // a larger length is rounding [units of the caller]
+constexpr double FAR = 1e6;                         // a point this many lengths away is rounding of a twist
 
 inline Vec three(Workspace& w, double x, double y, double z)
 {
@@ -23,30 +21,30 @@ inline Vec cross(Vec a, Vec b)
 // v + omega x p
 inline Vec velocity_at(Vec s, Vec p) { return s.part(3, 6) + cross(s.part(0, 3), p); }
 
-// How the twist J c of a chain changes while its joints go on at c, (6,): sum over j < i of c_j c_i [J_j, J_i].
-inline Vec turning(Mat J, Vec c)
+// (6,) the derivative of a chain's twist J c at constant joint velocity c: sum over j < i of c_j c_i [J_j, J_i].
+inline Vec twist_change(Mat J, Vec c)
 {
     Workspace& w = *c.w;
-    Vec moved(w, 6, 0), turning(w, 6, 0), column(w, 6);
+    Vec moved(w, 6, 0), change(w, 6, 0), column(w, 6);
     for (int j = 0; j < c.n; j++) {
         for (int i = 0; i < 6; i++)
             column[i] = c[j] * J(i, j);
-        turning.part(0, 3).add(1, cross(moved.part(0, 3), column.part(0, 3)));
-        turning.part(3, 6).add(1, cross(moved.part(0, 3), column.part(3, 6)));
-        turning.part(3, 6).add(1, cross(moved.part(3, 6), column.part(0, 3)));
+        change.part(0, 3).add(1, cross(moved.part(0, 3), column.part(0, 3)));
+        change.part(3, 6).add(1, cross(moved.part(0, 3), column.part(3, 6)));
+        change.part(3, 6).add(1, cross(moved.part(3, 6), column.part(0, 3)));
         moved.add(1, column);
     }
-    return turning;
+    return change;
 }
 
 inline Mat root_at(Vec p, double length)
 {
     Mat root(*p.w, 6, 6, 0);
-    for (int i = 0; i < 3; i++)
+    for (int i = 0; i < 3; i++) {
+        const int j = (i + 1) % 3, k = (i + 2) % 3;
         root(i, i) = length, root(i + 3, i + 3) = 1;
-    root(3, 1) = p[2], root(3, 2) = -p[1];
-    root(4, 0) = -p[2], root(4, 2) = p[0];
-    root(5, 0) = p[1], root(5, 1) = -p[0];
+        root(i + 3, j) = p[k], root(i + 3, k) = -p[j];
+    }
     return root;
 }
 
@@ -60,7 +58,7 @@ inline double ratio(Mat S, Vec p)
     }
     const double rate = std::sqrt(turning), speed = std::sqrt(moving);
     const double most = std::max(std::sqrt(moment), rate * p.norm());
-    return speed <= POINT_ROUNDING * most || rate * LENGTH_LIMIT <= speed ? 0 : speed / rate;
+    return speed <= TERM_ROUNDING * most || rate * LENGTH_LIMIT <= speed ? 0 : speed / rate;
 }
 
 // The point that joint twists, rows of S, move least; where it is free, the twist s settles it.
@@ -89,7 +87,7 @@ inline Vec own_point(Mat S, Vec s)
             most = std::max(most, turning - spread.values[i]);
         for (int i = 0; i < 3; i++) {
             const double stiffness = turning - spread.values[i];
-            if (stiffness > POINT_ROUNDING * most)
+            if (stiffness > TERM_ROUNDING * most)
                 p.add(spread.V[i].dot(moment) / stiffness, spread.V[i]);
             else
                 free = i;
@@ -103,7 +101,7 @@ inline Vec own_point(Mat S, Vec s)
             length = std::sqrt(moved / turning);
         const Vec across = cross(s.part(0, 3), spread.V[free]);
         const double square = across.square();
-        const bool turns = square > POINT_ROUNDING * POINT_ROUNDING * s.part(0, 3).square();
+        const bool turns = square > TERM_ROUNDING * TERM_ROUNDING * s.part(0, 3).square();
         along = (turns ? across.dot(velocity_at(s, p)) / square : 0) * spread.V[free];
     }
     return along.norm() <= FAR * (length > 0 ? length : 1) ? p - along : p;
@@ -123,14 +121,14 @@ inline double reach(Mat S, Vec point)
         length += leg.norm();
         size = std::max(size, moment / rate);
     }
-    return length > POINT_ROUNDING * size ? length : 0;
+    return length > TERM_ROUNDING * size ? length : 0;
 }
 
 inline double length_at(Mat S, Vec p, Vec s)
 {
     const double asked = ratio(Mat(s.p, 1, 6, s.w), p);
     double far = reach(S, p);
-    if (far <= POINT_ROUNDING * asked) {
+    if (far <= TERM_ROUNDING * asked) {
         Mat turning(*S.w, S.rows, 6);
         int count = 0;
         for (int i = 0; i < S.rows; i++)
@@ -138,7 +136,7 @@ inline double length_at(Mat S, Vec p, Vec s)
                 turning[count++].set(S[i]);
         far = ratio(turning.rows_from(0, count), p);
     }
-    return far > POINT_ROUNDING * asked ? far : asked > 0 ? asked : 1;
+    return far > TERM_ROUNDING * asked ? far : asked > 0 ? asked : 1;
 }
 
 // Which joints only slide: each counts 1 / L^2 in the joint metric. Absent where none does.
@@ -147,7 +145,7 @@ inline Mat sliding_metric(Mat S, Vec p, double length)
     Mat metric;
     for (int i = 0; i < S.rows; i++) {
         const double moving = velocity_at(S[i], p).norm();
-        if (S[i].part(0, 3).norm() * length <= SLIDES * moving && moving > 0) {
+        if (S[i].part(0, 3).norm() * length <= ROUNDING * moving && moving > 0) {
             metric = metric.w ? metric : Mat::identity(*S.w, S.rows);
             metric(i, i) = 1 / (length * length);
         }

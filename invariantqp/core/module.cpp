@@ -16,7 +16,7 @@ void check_twists(Mat J)
         refuse("J has numbers that are too small or too large");
 }
 
-// Arguments that every function takes by the same names; None leaves one out.
+// Arguments that the functions have in common; None is absent.
 struct Options {
     nb::object lower, upper, rows, tool_speed, exact, posture, metric, form, damping, guard;
     bool parts_of_twist = false;  // whether the third of `exact` is D (j, 6), and not E_e (j,)
@@ -48,7 +48,7 @@ struct Options {
                 tick.P = transposed(tick.P);
             } else
                 tick.P = read.matrix(given[0], "tool_speed[0]", 3, m);
-            tick.speed = number(given[1], "tool_speed[1]", 0, 1e300);
+            tick.speed = number(given[1], "tool_speed[1]", 0, LARGEST_NUMBER);
         }
         if (!exact.is_none()) {
             const nb::tuple given = parts(exact, "exact", 3);
@@ -85,7 +85,7 @@ struct Options {
             refuse("form is no kind and value for one body");
         kind = nb::str(given[0]).c_str();
         if (kind == "pitch")
-            tick.form = FormKind::pitch, tick.pitch = number(given[1], "form[1]", -1e150, 1e150);
+            tick.form = FormKind::pitch, tick.pitch = number(given[1], "form[1]", -LARGEST_TO_SQUARE, LARGEST_TO_SQUARE);
         else if (kind == "complement") {
             tick.form = FormKind::complement, tick.form_matrix = read.matrix(given[1], "form[1]", 6, -1);
             if (tick.form_matrix.cols > 6)
@@ -97,7 +97,7 @@ struct Options {
     }
 };
 
-void set_twists(Tick& tick, nb::handle J, nb::handle root, nb::handle ahead, nb::handle error, Reader& read, Workspace& w)
+void set_twists(Tick& tick, nb::handle J, nb::handle root, nb::handle feedforward, nb::handle error, Reader& read, Workspace& w)
 {
     tick.J = read.matrix(J, "J", -1, -1);
     const int r = tick.J.rows, m = tick.J.cols;
@@ -108,23 +108,23 @@ void set_twists(Tick& tick, nb::handle J, nb::handle root, nb::handle ahead, nb:
     tick.root = read.matrix(root, "root", -1, r);
     if (tick.root.rows < 1 || tick.root.rows > r)
         refuse("root has " + std::to_string(tick.root.rows) + " rows, expected 1 to " + std::to_string(r));
-    tick.ahead = read.vector(ahead, "ahead", r);
+    tick.feedforward = read.vector(feedforward, "feedforward", r);
     tick.error = error.is_none() ? Vec(w, r, 0) : read.vector(error, "error", r);
     tick.position_lower = Vec(w, m, -INFINITY), tick.position_upper = Vec(w, m, INFINITY);
 }
 
-// How twists by themselves are measured: at a named point, the arm's own where there is none; or by a root.
+// The measure of single twists: a point and a length, by default the arm's own, or a root.
 void set_measure(Tick& tick, Vec point, double length, Mat root)
 {
-    for (double x : tick.ahead)
+    for (double x : tick.feedforward)
         if (!(std::abs(x) <= LENGTH_LIMIT))
             refuse("twist has a number above 1e12");
     for (double x : point)
         if (!(std::abs(x) <= LARGEST))
             refuse("point has a number above 1e30");
     const Mat S = transposed(tick.J);
-    const Vec p = point.w ? point : own_point(S, tick.ahead);
-    const double L = length > 0 ? length : length_at(S, p, tick.ahead);
+    const Vec p = point.w ? point : own_point(S, tick.feedforward);
+    const double L = length > 0 ? length : length_at(S, p, tick.feedforward);
     if (!(L >= SMALLEST && L <= LARGEST))
         refuse("length is too small or too large");
     tick.root = root.w ? root : root_at(p, L);
@@ -138,21 +138,10 @@ void set_measure(Tick& tick, Vec point, double length, Mat root)
     throw nb::python_error();
 }
 
-// What another solver found: velocity, pace, share, guarded, whether limits had a part, relaxed or None, faster.
-void replace(Answer& answer, nb::handle found, const Tick& tick, Reader& read)
-{
-    const nb::tuple given = parts(found, "found", 7);
-    answer.velocity = read.vector(given[0], "found[0]", tick.J.cols);
-    answer.pace = number(given[1], "found[1]", 0, 1), answer.share = number(given[2], "found[2]", 0, 1);
-    answer.guarded = number(given[3], "found[3]", 0, 1), answer.limited = nb::cast<bool>(given[4]);
-    answer.relaxed = given[5].is_none() ? Vec() : read.vector(given[5], "found[5]", tick.C.rows);
-    answer.faster = number(given[6], "found[6]", 0, 1e300);
-    answer.multipliers = Vec(), answer.failure = Failure::none;
-}
-
-// One tick, with all that a loop remembers.
-nb::tuple tick_answer(nb::object J, nb::object root, nb::object ahead, nb::object error, nb::object position_lower,
-                      nb::object position_upper, nb::object fastest, nb::object before, double held, double missed,
+// One tick, with the memory of a loop.
+nb::tuple tick_answer(nb::object J, nb::object root, nb::object feedforward, nb::object error, nb::object position_lower,
+                      nb::object position_upper, nb::object velocity_limit, nb::object last_velocity,
+                      double hold_time, double last_residual,
                       nb::object lower, nb::object upper, nb::object rows, nb::object tool_speed, nb::object exact,
                       nb::object posture, nb::object metric, nb::object form, nb::object damping, nb::object guard,
                       int exact_rank)
@@ -162,7 +151,7 @@ nb::tuple tick_answer(nb::object J, nb::object root, nb::object ahead, nb::objec
     Reader read(w);
     Tick tick;
     tick.exact_rank = exact_rank;
-    set_twists(tick, J, root, ahead, error, read, w);
+    set_twists(tick, J, root, feedforward, error, read, w);
     const int m = tick.J.cols;
     Options{lower, upper, rows, tool_speed, exact, posture, metric, form, damping, guard}.set(tick, read, w);
     if (!position_lower.is_none())
@@ -170,17 +159,17 @@ nb::tuple tick_answer(nb::object J, nb::object root, nb::object ahead, nb::objec
     if (!position_upper.is_none())
         tick.position_upper = read.vector(position_upper, "position_upper", m, Numbers::any);
     check_box(tick.position_lower, tick.position_upper);
-    if (!fastest.is_none())
-        tick.fastest = read.vector(fastest, "fastest", m);
-    if (!before.is_none())
-        tick.before = read.vector(before, "before", m);
-    if (!(held >= 0 && held < 1e150 && missed >= 0 && missed < 1e150))
-        refuse("held and missed are expected to be at least 0");
-    tick.held = held, tick.missed = missed;
+    if (!velocity_limit.is_none())
+        tick.velocity_limit = read.vector(velocity_limit, "velocity_limit", m);
+    if (!last_velocity.is_none())
+        tick.last_velocity = read.vector(last_velocity, "last_velocity", m);
+    if (!(hold_time >= 0 && hold_time < LARGEST_TO_SQUARE && last_residual >= 0 && last_residual < LARGEST_TO_SQUARE))
+        refuse("hold_time and last_residual are expected to be at least 0");
+    tick.hold_time = hold_time, tick.last_residual = last_residual;
     const Answer answer = velocity(tick, w);
-    return nb::make_tuple(array_of(answer.velocity), answer.pace, answer.share, answer.missed, answer.guarded,
-                          array_or_none(answer.relaxed), answer.faster, static_cast<int>(answer.failure),
-                          array_or_none(answer.multipliers), answer.limited);
+    return nb::make_tuple(array_of(answer.velocity), answer.approach_scale, answer.scale, answer.residual, answer.form_share,
+                          array_or_none(answer.relaxed), answer.speed_excess, static_cast<int>(answer.failure),
+                          array_or_none(answer.multipliers), answer.limits_active);
 }
 
 // One twist by itself.
@@ -197,7 +186,7 @@ nb::tuple solve(nb::object J, nb::object twist, nb::object point, nb::object len
     if (m < 1 || m > MOST_JOINTS)
         refuse("J has " + std::to_string(m) + " columns, expected 1 to 64");
     check_twists(tick.J);
-    tick.ahead = read.vector(twist, "twist", 6), tick.error = Vec(w, 6, 0);
+    tick.feedforward = read.vector(twist, "twist", 6), tick.error = Vec(w, 6, 0);
     tick.position_lower = Vec(w, m, -INFINITY), tick.position_upper = Vec(w, m, INFINITY);
     Options{lower, upper, rows, tool_speed, exact, posture, metric, form, damping, guard, true, true}.set(tick, read, w);
     set_measure(tick, point.is_none() ? Vec() : read.vector(point, "point", 3),
@@ -207,11 +196,11 @@ nb::tuple solve(nb::object J, nb::object twist, nb::object point, nb::object len
     if (answer.failure == Failure::no_pseudoinverse)
         no_projector();
     if (!found.is_none())
-        replace(answer, found, tick, read);
+        set_answer(answer, found, tick, read);
     return solution(report(tick, answer, w));
 }
 
-// Levels of stacked twists, (J, root, ahead) each, the first before the second and so on; residual that of the first.
+// Prioritised levels of stacked twists, (J, root, feedforward) each, highest first; the residual is that of the first.
 nb::tuple solve_levels(nb::list levels, nb::object lower, nb::object upper, nb::object rows, nb::object tool_speed,
                        nb::object exact, nb::object metric, nb::object damping, nb::object found)
 {
@@ -234,12 +223,12 @@ nb::tuple solve_levels(nb::list levels, nb::object lower, nb::object upper, nb::
         refuse("there are no levels");
     Answer answer = prioritised(ticks, w);
     if (!found.is_none())
-        replace(answer, found, ticks[0], read);
+        set_answer(answer, found, ticks[0], read);
     return solution(report(ticks[0], answer, w));
 }
 
-// Many twists by themselves, on several threads: of each row the velocity, method, status, residual, and scale, damping
-// and guard. A row that cannot be computed has status -1.
+// Many single twists on several threads: velocity, residual, and (method, status, scale, damping, guard) of each row. A row
+// that cannot be computed has status -1.
 nb::tuple solve_rows(nb::object J, nb::object twist, nb::object lower, nb::object upper, nb::object points,
                      nb::object length, nb::object root, nb::object posture, nb::object metric, nb::object form,
                      nb::object damping, nb::object guard, int threads)
@@ -270,13 +259,14 @@ nb::tuple solve_rows(nb::object J, nb::object twist, nb::object lower, nb::objec
         common, read, w);
     const double L = length.is_none() ? 0 : number(length, "length", SMALLEST, LARGEST);
     const Mat measure = root.is_none() ? Mat() : read.matrix(root, "root", 6, 6);
-    const npy_intp of_x[2] = {n, m}, of_r[2] = {n, 6}, of_number[2] = {n, 5};
+    constexpr npy_intp NUMBERS = 5, AT_A_TIME = 64;  // columns of numbers; rows that a thread takes together
+    const npy_intp of_x[2] = {n, m}, of_r[2] = {n, 6}, of_number[2] = {n, NUMBERS};
     const nb::object velocities = new_array(2, of_x), residuals = new_array(2, of_r), numbers = new_array(2, of_number);
-    double *const x = data_of(velocities), *const left = data_of(residuals), *const told = data_of(numbers);
+    double *const x = data_of(velocities), *const left = data_of(residuals), *const values = data_of(numbers);
 
     const auto row = [&](npy_intp i, Workspace& w) {
         const Workspace::Frame frame(w);
-        double* const number = told + 5 * i;
+        double* const number = values + NUMBERS * i;
         try {
             const auto part = [&](PyArrayObject* a, npy_intp width, Numbers kind) {
                 Vec v(w, static_cast<int>(width));
@@ -293,7 +283,7 @@ nb::tuple solve_rows(nb::object J, nb::object twist, nb::object lower, nb::objec
             if (Reader::not_numbers(tick.J.p, 6 * m, Numbers::finite))
                 throw std::exception();
             check_twists(tick.J);
-            tick.ahead = part(s_rows, 6, Numbers::finite), tick.error = Vec(w, 6, 0);
+            tick.feedforward = part(s_rows, 6, Numbers::finite), tick.error = Vec(w, 6, 0);
             tick.position_lower = Vec(w, tick.J.cols, -INFINITY), tick.position_upper = Vec(w, tick.J.cols, INFINITY);
             tick.lower = low ? part(low, m, Numbers::any) : tick.position_lower;
             tick.upper = high ? part(high, m, Numbers::any) : tick.position_upper;
@@ -308,7 +298,7 @@ nb::tuple solve_rows(nb::object J, nb::object twist, nb::object lower, nb::objec
             std::copy(found.velocity.begin(), found.velocity.end(), x + i * m);
             std::copy(found.residual.begin(), found.residual.end(), left + i * 6);
             number[0] = static_cast<int>(found.method), number[1] = static_cast<int>(found.status);
-            number[2] = found.share, number[3] = found.damping, number[4] = found.guard;
+            number[2] = found.scale, number[3] = found.damping, number[4] = found.guard;
         } catch (const std::exception&) {
             number[1] = -1;
         }
@@ -318,13 +308,12 @@ nb::tuple solve_rows(nb::object J, nb::object twist, nb::object lower, nb::objec
         std::atomic<npy_intp> next{0};
         const auto work = [&] {
             Workspace own;
-            constexpr npy_intp at_a_time = 64;
-            for (npy_intp first = next.fetch_add(at_a_time); first < n; first = next.fetch_add(at_a_time))
-                for (npy_intp i = first; i < std::min(n, first + at_a_time); i++)
+            for (npy_intp first = next.fetch_add(AT_A_TIME); first < n; first = next.fetch_add(AT_A_TIME))
+                for (npy_intp i = first; i < std::min(n, first + AT_A_TIME); i++)
                     row(i, own);
         };
         std::vector<std::thread> helpers;
-        for (npy_intp k = 1; k < std::min<npy_intp>(threads, n / 256); k++)
+        for (npy_intp k = 1; k < std::min<npy_intp>(threads, n / (4 * AT_A_TIME)); k++)
             helpers.emplace_back(work);
         work();
         for (std::thread& helper : helpers)
@@ -353,10 +342,10 @@ nb::tuple cost_of_frame(nb::object J, nb::object error, nb::object costs, nb::ob
     if (m > MOST_JOINTS)
         refuse("J has " + std::to_string(m) + " joints that move the frame, expected at most 64");
     Tick tick;
-    tick.J = Mat(w, 6, m), tick.ahead = Vec(w, 6), tick.error = Vec(w, 6, 0);
+    tick.J = Mat(w, 6, m), tick.feedforward = Vec(w, 6), tick.error = Vec(w, 6, 0);
     for (int i = 0; i < 6; i++) {
         const int from = (i + 3) % 6;
-        tick.ahead[i] = e[from];
+        tick.feedforward[i] = e[from];
         for (int k = 0; k < m; k++)
             tick.J(i, k) = -of_joints(moving[k], from);
     }
@@ -374,7 +363,7 @@ nb::tuple cost_of_frame(nb::object J, nb::object error, nb::object costs, nb::ob
         tick.root = read.matrix(root, "root", 6, 6);
     else {
         const Vec cost = read.vector(costs, "costs", 6);
-        tick.root = root_at(point.is_none() ? own_point(transposed(tick.J), tick.ahead) : read.vector(point, "point", 3), 1);
+        tick.root = root_at(point.is_none() ? own_point(transposed(tick.J), tick.feedforward) : read.vector(point, "point", 3), 1);
         for (int i = 0; i < 6; i++)
             tick.root[i].scale(cost[(i + 3) % 6]);
     }
@@ -402,22 +391,18 @@ NB_MODULE(_core, m)
     m.doc() = "The engine: the velocity law of invariantqp/velocity/definition.py, compiled.";
     m.attr("MOST_JOINTS") = MOST_JOINTS;
     m.attr("MOST_ROWS") = MOST_ROWS;
-    nb::list codes;
-    for (const Code code : ALL_CODES)
-        codes.append(static_cast<int>(code));
-    m.attr("CODES") = nb::tuple(codes);
     nb::set_leak_warnings(false);  // objects that threads or caches still hold when Python ends
     bind_loop(m);
     bind_clearance(m);
     bind_follower(m);
     bind_screws(m);
     bind_force(m);
-    m.def("tick", tick_answer, "J"_a, "root"_a, "ahead"_a, "error"_a = nb::none(), "position_lower"_a = nb::none(),
-          "position_upper"_a = nb::none(), "fastest"_a = nb::none(), "before"_a = nb::none(), "held"_a = 0.0,
-          "missed"_a = 0.0, "lower"_a = nb::none(), "upper"_a = nb::none(), "rows"_a = nb::none(),
+    m.def("tick", tick_answer, "J"_a, "root"_a, "feedforward"_a, "error"_a = nb::none(), "position_lower"_a = nb::none(),
+          "position_upper"_a = nb::none(), "velocity_limit"_a = nb::none(), "last_velocity"_a = nb::none(),
+          "hold_time"_a = 0.0, "last_residual"_a = 0.0, "lower"_a = nb::none(), "upper"_a = nb::none(), "rows"_a = nb::none(),
           "tool_speed"_a = nb::none(), "exact"_a = nb::none(), "posture"_a = nb::none(), "metric"_a = nb::none(),
           "form"_a = nb::none(), "damping"_a = nb::none(), "guard"_a = nb::none(), "exact_rank"_a = 0,
-          "One tick: velocity, pace, share, missed, guarded, relaxed, faster, failure, multipliers, limited.");
+          "One tick: velocity, approach scale, scale, residual, form share, relaxed, speed excess, failure, multipliers, whether limits are active.");
     m.def("solve", solve, "J"_a, "twist"_a, "point"_a = nb::none(), "length"_a = nb::none(), "root"_a = nb::none(),
           "lower"_a = nb::none(), "upper"_a = nb::none(), "rows"_a = nb::none(), "tool_speed"_a = nb::none(),
           "exact"_a = nb::none(), "posture"_a = nb::none(), "metric"_a = nb::none(), "form"_a = nb::none(),

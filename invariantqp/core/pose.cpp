@@ -1,5 +1,5 @@
 #include "pose.hpp"
-#include "room.hpp"
+#include "feasible_set.hpp"
 
 namespace iq {
 namespace {

@@ -5,11 +5,12 @@
 // The active rows are N_a = L Q, Q orthonormal: a row is added by Gram and Schmidt, and taken out by Givens rotations.
 #pragma once
 #include "matrix.hpp"
+#include "tolerances.hpp"
 #include <cstdint>
 
 namespace iq {
 
-struct Nearest {
+struct NearestPoint {
     Vec x;
     Vec multipliers;  // of each row: positive at its upper bound, negative at its lower one
     bool found = false;
@@ -19,23 +20,23 @@ class ActiveSet {
   public:
     ActiveSet(Mat N, Vec lower, Vec upper)
         : N(N), lower(lower), upper(upper), Q(*N.w, N.cols, N.cols), L(*N.w, N.cols, N.cols), x(*N.w, N.cols, 0),
-          w(*N.w, N.cols), d(*N.w, N.cols), z(*N.w, N.cols), r(*N.w, N.cols), pull(*N.w, N.cols), value(*N.w, N.rows, 0),
+          w(*N.w, N.cols), d(*N.w, N.cols), z(*N.w, N.cols), r(*N.w, N.cols), dual(*N.w, N.cols), value(*N.w, N.rows, 0),
           active(N.rows, 0), at(N.cols)
     {
         for (int i = 0; i < N.rows; i++)
             scale = std::max({scale, lower[i], -upper[i]});
     }
 
-    Nearest nearest()
+    NearestPoint nearest()
     {
-        Nearest found{x, Vec(*N.w, N.rows, 0)};
+        NearestPoint found{x, Vec(*N.w, N.rows, 0)};
         const int most = 50 + 10 * (N.rows + N.cols);
         int steps = 0;
-        for (int row = worst(); row >= 0; row = worst())
-            if (!met(row, steps, most))
+        for (int row = most_violated(); row >= 0; row = most_violated())
+            if (!activate(row, steps, most))
                 return found;
         for (int j = 0; j < k; j++)
-            found.multipliers[at[j]] = active[at[j]] * pull[j];
+            found.multipliers[at[j]] = active[at[j]] * dual[j];
         found.found = true;
         return found;
     }
@@ -53,17 +54,15 @@ class ActiveSet {
     }
 
   private:
-    static constexpr double exact = 1e-13;  // of scale: a smaller violation is rounding
-    static constexpr double dependent = 1e-11;  // a row of which the active ones leave less depends on them
-    static constexpr double contradiction = 1e-9;  // of scale: a dependent row that is violated by less is met
+    static constexpr double DEPENDENT = 1e-11;  // a row whose part outside the span of the active rows is shorter depends on them
 
     Mat N;
     Vec lower, upper;
     Mat Q, L;
-    Vec x, w, d, z, r, pull, value;  // w: x = w Q;  pull: the multipliers, not negative
+    Vec x, w, d, z, r, dual, value;  // w: x = w Q;  dual: the multipliers, not negative
     std::vector<std::int8_t> active;  // of each row: 1 at its upper bound, -1 at its lower one, 2 where it is redundant
     std::vector<int> at;
-    int k = 0, placed = 0;  // how many are active; of how many x has the share
+    int k = 0, placed = 0;  // how many rows are active; how many of them x includes
     double scale = 0;
 
     double excess(int row, int& side) const
@@ -72,11 +71,11 @@ class ActiveSet {
         side = above >= below ? 1 : -1;
         return std::max(above, below);
     }
-    // The inactive row that is violated by most, or -1.
-    int worst()
+    // The inactive row with the largest violation, or -1.
+    int most_violated()
     {
         int found = -1, side;
-        double most = exact * scale;
+        double most = PRODUCT_ROUNDING * scale;
         for (int i = 0; i < N.rows; i++) {
             if (active[i])
                 continue;
@@ -86,8 +85,8 @@ class ActiveSet {
         }
         return found;
     }
-    // Moves x, and takes rows out where they no longer hold it, until a row is met and active.
-    bool met(int row, int& steps, int most)
+    // Moves x until a row is active; rows whose multiplier becomes zero leave the active set.
+    bool activate(int row, int& steps, int most)
     {
         int side;
         double by = excess(row, side), added = 0;
@@ -97,22 +96,22 @@ class ActiveSet {
             const double left = project(row, side);
             directions();
             int leaving = -1;
-            double dual = INFINITY;
+            double dual_step = INFINITY;
             for (int j = 0; j < k; j++)
-                if (r[j] > 1e-14 && pull[j] < dual * r[j])
-                    dual = pull[j] / r[j], leaving = j;
-            const bool moves = left > dependent;
+                if (r[j] > 10 * UNIT_ROUNDING && dual[j] < dual_step * r[j])
+                    dual_step = dual[j] / r[j], leaving = j;
+            const bool moves = left > DEPENDENT;
             if (!moves && leaving < 0) {
-                if (by > contradiction * scale)
+                if (by > ROUNDING * scale)
                     return false;
                 active[row] = 2;
                 return true;
             }
-            const double primal = moves ? by / (left * left) : INFINITY, step = std::min(primal, dual);
+            const double primal = moves ? by / (left * left) : INFINITY, step = std::min(primal, dual_step);
             for (int j = 0; j < k; j++)
-                pull[j] = std::max(0.0, pull[j] - step * r[j]);
+                dual[j] = std::max(0.0, dual[j] - step * r[j]);
             added += step;
-            if (primal <= dual) {
+            if (primal <= dual_step) {
                 add(row, side, left, added);
                 return true;
             }
@@ -156,11 +155,11 @@ class ActiveSet {
         Q[k].set(z);
         Q[k].scale(1 / left);
         w[k] = (bound(row, side) - d.part(0, k).dot(w.part(0, k))) / left;
-        active[row] = static_cast<std::int8_t>(side), at[k] = row, pull[k] = multiplier;
+        active[row] = static_cast<std::int8_t>(side), at[k] = row, dual[k] = multiplier;
         k++;
         place();
     }
-    // x = w Q, the point of the active rows that is nearest to the origin, and its multipliers -w = pull L.
+    // x = w Q, the point of the active rows that is nearest to the origin, and its multipliers -w = dual L.
     void place()
     {
         if (placed == 0)
@@ -168,17 +167,17 @@ class ActiveSet {
         for (; placed < k; placed++)
             x.add(w[placed], Q[placed]);
         for (int j = 0; j < k; j++)
-            pull[j] = -w[j];
+            dual[j] = -w[j];
         for (int j = k - 1; j >= 0; j--) {
-            pull[j] = std::max(0.0, pull[j] / L(j, j));
-            pull.part(0, j).add(-pull[j], L[j].part(0, j));
+            dual[j] = std::max(0.0, dual[j] / L(j, j));
+            dual.part(0, j).add(-dual[j], L[j].part(0, j));
         }
     }
     void remove(int j)
     {
         active[at[j]] = 0, placed = 0;
         for (int i = j + 1; i < k; i++) {
-            at[i - 1] = at[i], pull[i - 1] = pull[i];
+            at[i - 1] = at[i], dual[i - 1] = dual[i];
             L[i - 1].part(0, i + 1).set(L[i].part(0, i + 1));
         }
         k--;

@@ -1,17 +1,15 @@
-// A target that leaves a part of the tool's pose free: a point of the tool at a point, an axis of the tool along a
-// direction, or both. Everything is in the base frame but what says otherwise.
+// A target with free degrees of freedom: a point of the tool at a point, an axis of the tool along a direction, or both.
+// In the base frame unless stated otherwise.
 //
 //     omega   the shortest rotation that takes the axis to its direction, 0 where the orientation is free
 //     v_a     from the point a of the tool to where it is to be, 0 where the position is free
 //
-// A twist counts by its part across the axis and by the velocity of the point: what else it does is free.
+// Constrained are the angular velocity across the axis and the velocity of the point.
 #pragma once
 #include "chain.hpp"
 #include "measure.hpp"
 
 namespace iq {
-
-constexpr double NO_TURN = 1e-12;  // directions whose sine is below this are parallel, or opposite
 
 // A unit vector across another one.
 inline Vec3 across(const Vec3& axis)
@@ -30,7 +28,7 @@ inline Vec3 shortest_turn(const Vec3& here, const Vec3& there, const Vec3& half)
 {
     const Vec3 turn = cross(here, there);
     const double sine = norm(turn), cosine = dot(here, there);
-    return sine > NO_TURN ? (std::atan2(sine, cosine) / sine) * turn : cosine < 0 ? M_PI * half : turn;
+    return sine > TERM_ROUNDING ? (std::atan2(sine, cosine) / sine) * turn : cosine < 0 ? M_PI * half : turn;
 }
 
 struct PartialTarget {
@@ -102,7 +100,7 @@ struct PartialTarget {
         const double size = norm(kept);
         kept = size > 0.5 * norm(before) && size > 0 ? (1 / size) * kept : half;
         const Vec3 found = shortest_turn(here, axis, kept);
-        return same_way(found, before) * found;
+        return sense_factor(found, before) * found;
     }
 };
 

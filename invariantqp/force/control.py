@@ -32,7 +32,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
 from invariantqp.robots.kinematics import Robot, middle, require_robot
 from invariantqp.velocity.measure import length_at
-from invariantqp.velocity.solution import Status, VelocitySolution, no_motion
+from invariantqp.velocity.solution import Status, VelocitySolution, has_no_motion
 
 # The longest dead time of commands.
 MAX_DELAY_TICKS = 10_000
@@ -286,7 +286,7 @@ class HybridController:
         elif pose is not None:
             contact = Contact(contact.kind, pose, contact.edge)
         status, reason = inside.status, inside.reason
-        if report is not None or (status is Status.DEGRADED and no_motion(inside)):
+        if report is not None or (status is Status.DEGRADED and has_no_motion(inside)):
             status, reason = self._report(contact, messages.Report(*report or ()), inside)
         motion, force, measured, error, parts, exerted = wrenches
         return HybridSolution(
@@ -297,7 +297,7 @@ class HybridController:
         """Status and reason from the reports of the force law and of the velocity law."""
         state, edge = self._state.law, inf if contact.edge is None else contact.edge
         status, law_reason, stop = inside.status, inside.reason, ""
-        if no_motion(inside) and state.touching and state.time_at_rest > 0.0 and not report.warnings:
+        if has_no_motion(inside) and state.touching and state.time_at_rest > 0.0 and not report.warnings:
             status, law_reason = Status.OK, ""  # compliant drives stand still against their commands as they press
         reasons = messages.warnings_of(report, self._state, self.loop, self.sensor, contact)
         is_beyond = edge <= 0.0 and report.action != messages.HOLD

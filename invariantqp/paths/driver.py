@@ -59,7 +59,7 @@ from invariantqp.paths.stamps import ANOTHER_CLOCK, LONG, Arrivals, increasing, 
 from invariantqp.paths.task_error import STILL, task_error
 from invariantqp.paths.time_law import AT_LIMIT, AT_REST, JointLimits, usual
 from invariantqp.robots.kinematics import unwrapped
-from invariantqp.velocity.reasons import read, row_name
+from invariantqp.velocity.reasons import decoded, row_name
 from invariantqp.velocity.solution import Status, VelocitySolution
 
 # Without a jerk limit of its own a joint reaches its full acceleration in this time [s], a usual setting of a UR5.
@@ -1143,7 +1143,7 @@ class Follower:
         """What is said of joints that do not do what they are commanded to, None where all do."""
         if self._trouble is None:
             return None
-        names, trouble = self.controller.robot.names, read(self._trouble)[0]
+        names, trouble = self.controller.robot.names, decoded(self._trouble)[0]
         return Status.DEGRADED, str(trouble._replace(names=tuple(names[j] for j in trouble.joints)))
 
     def _by_loop(self, streams: bool) -> tuple[Status, Why] | None:

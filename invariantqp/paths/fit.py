@@ -223,9 +223,9 @@ class Solver:
 
     def _from_rest(self, seen: TaskError, q: Array, twist: Array, h: float, **bounds: Array) -> Array:
         """(m,) the joint velocity of a loop's first tick for a twist, damped by what it misses."""
-        first: dict[str, Any] = {"before": np.zeros(len(q)), **bounds}
+        first: dict[str, Any] = {"last_velocity": np.zeros(len(q)), **bounds}
         _, missed = seen.answer(self._loop, q, twist, h, **first)
-        return seen.answer(self._loop, q, twist, h, missed=missed, held=self._loop.dt, **first)[0]
+        return seen.answer(self._loop, q, twist, h, last_residual=missed, hold_time=self._loop.dt, **first)[0]
 
     def _nearer(self, target: Array, q: Array, step: float) -> Array:
         """(m,) joint positions as near a pose as the joints get in a step [s] by the loop's law."""

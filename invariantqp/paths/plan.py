@@ -216,7 +216,7 @@ def _top(controller: Controller, q: Array, slopes: Array, acceleration: Array) -
             top[i], ruling[i] = speed[i], cause[i]
 
     if controller.acceleration_limit is not None:
-        room = np.maximum(np.where(slopes > 0.0, *controller.box.room(q)), 0.0) + AT_LIMIT
+        room = np.maximum(np.where(slopes > 0.0, *controller.box.distances(q)), 0.0) + AT_LIMIT
         speed, which = top_speed(slopes, braking_speed(room, acceleration, controller.dt))
         slower(speed, [f"position of joint {i} ({names[i]})" for i in which.tolist()])
     if controller.tool_speed is not None:

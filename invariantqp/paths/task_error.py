@@ -74,7 +74,7 @@ class TaskError(NamedTuple):
         J, box = self.sighting.J, controller.box
         fields = controller.in_engine.law | {
             "root": self.root,
-            "ahead": twist,
+            "feedforward": twist,
             "lower": (box.position_lower - q) / h,
             "upper": (box.position_upper - q) / h,
             "posture": posture,

@@ -1,4 +1,8 @@
-"""The velocity law: a twist and its joint limits in, a joint velocity and the reason for it out."""
+"""The velocity law: joint twists, a desired twist and limits in; a joint velocity with its status and reasons out.
+
+`definition` states the law on a page; the compiled engine solves it. `solve_velocity` is one twist, `solve_velocities`
+a batch, `solve_tasks` several twists with weights and priorities. It knows no robots and no time: see `control`.
+"""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Arguments that every function and loop of the law takes: the measure of twists and the joint metric."""
+"""Arguments that all functions and loops of the law have in common: damping, measure and joint metric."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def damping_of(damping: object) -> float:
 
 
 class Measure(NamedTuple):
-    """How twists are measured: root (6, 6), its point (3,) and length; and the form, unless it is a CarriedMetric."""
+    """The measure of twists: root (6, 6), its point (3,) and length; and the form, unless it is a CarriedMetric."""
 
     root: Array
     point: Array
@@ -63,8 +63,8 @@ def measure_of(
 def metric_of(joint_metric: ArrayLike | None, J: Array, point: Array, length: float) -> Array | None:
     """(m, m) the joint metric, None for the identity.
 
-    Without a `joint_metric`, L of a prismatic joint counts as one radian of a revolute one. Where no joint turns that
-    still makes joint speeds, by which loops are damped, free of the unit of length.
+    Without a `joint_metric`, L units of a prismatic joint count as one radian of a revolute one; also where no joint
+    turns, so that the damping of loops does not depend on the unit of length.
 
     Raises:
         BadInput: not symmetric positive definite.
@@ -78,6 +78,6 @@ def metric_of(joint_metric: ArrayLike | None, J: Array, point: Array, length: fl
 
 
 def prismatic(J: Array, point: Array, length: float) -> NDArray[np.bool_]:
-    """(m,) which joints of J (6, m) only slide: beside the velocity of the point (3,), they hardly turn."""
+    """(m,) which joints of J (6, m) are prismatic, to rounding of their velocity at the point (3,)."""
     turning, moving = (np.sqrt((part * part).sum(axis=0)) for part in (J[:3], velocity_at(J, point)))
     return np.asarray((turning * length <= NEGLIGIBLE * moving) & (moving > 0.0))

@@ -1,7 +1,7 @@
-"""Quadratic programs, solved by kept libraries: minimise 1/2 z'Hz - c'z over lower <= Cz <= upper.
+"""QP solvers: minimise 1/2 z'Hz - c'z over lower <= Cz <= upper, by DAQP or any solver of qpsolvers.
 
-DAQP by default, any other through qpsolvers. The problem comes scaled to O(1), because solvers' tolerances are
-absolute; the answer is checked; a solver's own exception never gets out. This is the only file that imports a solver.
+Problems are scaled to O(1), because solvers' tolerances are absolute. Solutions are checked, and exceptions of solvers
+become SolverFailure. This is the only file that imports a solver.
 """
 
 from __future__ import annotations
@@ -18,20 +18,21 @@ from invariantqp.errors import BadInput, InvariantQPError, UnknownName
 from invariantqp.extras import require
 from invariantqp.geometry.arrays import Array
 
-# Stand-in for infinity in a scaled problem.
+# Stands for infinity in a scaled problem.
 UNBOUNDED = 1e30
-# An answer may leave its scaled bounds by this much; more is a failure.
+# A larger violation of the scaled bounds is a failure.
 FEASIBILITY_TOLERANCE = 1e-7
-# Far below that, above what active-set arithmetic on cond(H) = 1e6 can lose.
+# Far below that, above the rounding of the active-set method for cond(H) = 1e6.
 DAQP_TOLERANCE = 1e-10
-# Settings of each solver: defaults leave errors up to 0.3 on ill-conditioned problems.
-TIGHT: dict[str, dict[str, Any]] = {
-    "osqp": {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iter": 100_000},
-    "proxqp": {"eps_abs": 1e-10, "eps_rel": 0.0},
-    "piqp": {"eps_abs": 1e-10, "eps_rel": 1e-10},
-    "clarabel": {"tol_feas": 1e-10, "tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10},
-    "highs": {"primal_feasibility_tolerance": 1e-9, "dual_feasibility_tolerance": 1e-9},
-    "scs": {"eps_abs": 1e-9, "eps_rel": 1e-9},
+# Settings of solvers at this tolerance, or ten times it where they reach no more; defaults leave errors up to 0.3.
+TIGHT, REACHED = DAQP_TOLERANCE, 10.0 * DAQP_TOLERANCE
+SETTINGS: dict[str, dict[str, Any]] = {
+    "osqp": {"eps_abs": REACHED, "eps_rel": REACHED, "max_iter": 100_000},
+    "proxqp": {"eps_abs": TIGHT, "eps_rel": 0.0},
+    "piqp": {"eps_abs": TIGHT, "eps_rel": TIGHT},
+    "clarabel": {"tol_feas": TIGHT, "tol_gap_abs": TIGHT, "tol_gap_rel": TIGHT},
+    "highs": {"primal_feasibility_tolerance": REACHED, "dual_feasibility_tolerance": REACHED},
+    "scs": {"eps_abs": REACHED, "eps_rel": REACHED},
 }
 
 
@@ -54,19 +55,14 @@ class BoxQP(NamedTuple):
 
     @classmethod
     def of(cls, H: Array, c: Array, lower: Array, upper: Array, C: Array | None) -> BoxQP:
-        """With limits that may be infinite."""
+        """For limits that may be infinite."""
         return cls(H, c, np.maximum(lower, -UNBOUNDED), np.minimum(upper, UNBOUNDED), C)
 
 
 class SolverFailure(InvariantQPError):
-    """A solver did not return a usable answer. Never leaves the library: it becomes a retry, then a status.
+    """A solver returned no usable solution; raised by `Backend.solve`, and reported as status "held"."""
 
-    Attributes:
-        infeasible: whether the solver says that no point satisfies the bounds.
-    """
-
-    def __init__(self, solver: str, reason: str, *, infeasible: bool = False) -> None:
-        self.infeasible = infeasible
+    def __init__(self, solver: str, reason: str) -> None:
         super().__init__(f"{solver}: {reason}")
 
 
@@ -75,7 +71,7 @@ class Backend(Protocol):
 
     @property
     def name(self) -> str:
-        """How statuses call it."""
+        """The name that solutions report."""
         ...
 
     def solve(self, qp: BoxQP) -> Array:
@@ -94,7 +90,7 @@ class Daqp:
         rows = np.empty((0, len(qp.c))) if qp.C is None else qp.C
         z, _, flag, _ = daqp.solve(qp.H, -qp.c, rows, qp.upper, qp.lower, primal_tol=DAQP_TOLERANCE)
         if flag <= 0:
-            raise SolverFailure("daqp", f"exit flag {flag}", infeasible=flag == -1)
+            raise SolverFailure("daqp", f"exit flag {flag}")
         return np.asarray(z)
 
 
@@ -124,7 +120,7 @@ class QpSolvers:
             problem = qpsolvers.Problem(H, -qp.c, stack([C[above], -C[below]]), sides)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the solver's status is checked below
-            solution = qpsolvers.solve_problem(problem, solver=self.name, **TIGHT.get(self.name, {}))
+            solution = qpsolvers.solve_problem(problem, solver=self.name, **SETTINGS.get(self.name, {}))
         if not solution.found or solution.x is None:
             raise SolverFailure(self.name, "no solution found")
         return np.asarray(solution.x)
@@ -152,18 +148,18 @@ def backend_of(backend: Backend | str) -> Backend:
     return QpSolvers(backend)
 
 
-def answered(backend: Backend, qp: BoxQP) -> Array:
-    """The checked answer of a back end.
+def solve_checked(backend: Backend, qp: BoxQP) -> Array:
+    """The checked solution z (n,) of a back end.
 
     Raises:
-        SolverFailure: an exception of the solver's, an answer of another shape, that is no number, or out of bounds.
+        SolverFailure: an exception of the solver, or a solution of wrong shape, not finite, or outside the bounds.
     """
     try:
-        with np.errstate(all="ignore"):  # what a solver does inside is checked by its answer
+        with np.errstate(all="ignore"):  # the solution is checked instead
             z = np.asarray(backend.solve(qp), dtype=np.float64)
     except SolverFailure:
         raise
-    except Exception as error:  # whatever a solver throws becomes a status
+    except Exception as error:  # becomes a status
         raise SolverFailure(backend.name, f"{type(error).__name__}: {error}") from error
     if z.shape != qp.c.shape:
         raise SolverFailure(backend.name, f"answer of shape {z.shape}, not {qp.c.shape}")
@@ -174,30 +170,3 @@ def answered(backend: Backend, qp: BoxQP) -> Array:
     if excess > FEASIBILITY_TOLERANCE:
         raise SolverFailure(backend.name, f"answer {excess:.2g} outside its scaled bounds")
     return z
-
-
-class Found(NamedTuple):
-    """The minimiser z (n,) of the scaled problem, the solver, and what went wrong before ("" if nothing)."""
-
-    z: Array
-    backend: str
-    trouble: str
-
-
-def solved(backend: Backend, qp: BoxQP) -> Found:
-    """The answer of `backend` or, if it fails, of DAQP.
-
-    Raises:
-        SolverFailure: neither found an answer; `.infeasible` when a solver says that there is none.
-    """
-    try:
-        return Found(answered(backend, qp), backend.name, "")
-    except SolverFailure as failure:
-        if backend.name == "daqp":
-            raise
-        first = failure
-    try:
-        return Found(answered(Daqp(), qp), "daqp", str(first))
-    except SolverFailure as failure:
-        infeasible = failure.infeasible or first.infeasible
-        raise SolverFailure("every solver", f"{first}; {failure}", infeasible=infeasible) from failure

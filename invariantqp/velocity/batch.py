@@ -1,4 +1,4 @@
-"""Many twists at once, on all cores: a row is what `solve_velocity` answers. For maps over joint ranges, rollouts."""
+"""`solve_velocity` for many twists at once, on all cores: for maps over joint ranges and rollouts."""
 
 from __future__ import annotations
 
@@ -15,19 +15,26 @@ from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.limits import Bounds, bounds_of
-from invariantqp.velocity.problem import METHODS, STATUSES, VelocityOptions, check_joints, checked, solve_velocity
+from invariantqp.velocity.problem import (
+    METHODS,
+    STATUSES,
+    VelocityOptions,
+    check_joints,
+    checked_options,
+    solve_velocity,
+)
 from invariantqp.velocity.solution import VelocitySolution, at_bounds
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-# Options that are for one twist at a time.
-REFUSED = ("exact", "rows", "tool_speed")
+# Options of a single twist.
+UNSUPPORTED = ("exact", "rows", "tool_speed")
 
 
 @dataclass(frozen=True, eq=False)
 class VelocitySolutions:
-    """N answers; `solutions[i]` is the i-th as `solve_velocity` gives it, solved again when it is read.
+    """N solutions; `solutions[i]` is the i-th VelocitySolution, solved again when it is read.
 
     Attributes:
         velocity: (N, m) joint velocities.
@@ -38,7 +45,7 @@ class VelocitySolutions:
         damping: (N,) lambda used.
         guard: (N,) share of least squares blended in.
         bounds: (N, m) lower and upper.
-        row: what solves one row.
+        row: solves one row.
     """
 
     velocity: Array
@@ -67,12 +74,12 @@ class VelocitySolutions:
 
     @property
     def reason(self) -> list[str]:
-        """Why, in words, row by row."""
+        """The reason of each row."""
         return [solution.reason for solution in self]
 
     @property
     def active(self) -> list[tuple[int, ...]]:
-        """Joints at a bound, row by row."""
+        """The joints at a bound in each row."""
         return [tuple(np.flatnonzero(row).tolist()) for row in at_bounds(self.velocity, *self.bounds)]
 
 
@@ -81,9 +88,9 @@ def solve_velocities(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityO
 
     Args:
         J: (N, 6, m) joint twists (omega; v) as columns, each in any frame.
-        twist: (N, 6) wanted twists in the frames of J; (6,) is the same for all.
+        twist: (N, 6) desired twists in the frames of J; (6,) is the same for all.
         options: see `VelocityOptions`. `bounds` may be (lower, upper) of shape (N, m), `posture` (N, m), `point`
-            (N, 3). exact, rows and tool_speed are for `solve_velocity`, one row at a time.
+            (N, 3). exact, rows and tool_speed are not supported.
 
     Returns:
         VelocitySolutions: velocity (N, m) inside the bounds, with method and status of every row.
@@ -93,7 +100,7 @@ def solve_velocities(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityO
         NoPseudoinverse: the form has no projector for the twists of some row.
         UnknownName: no such back end.
     """
-    for name in REFUSED:
+    for name in UNSUPPORTED:
         if options.get(name) is not None:
             raise BadInput(name, "given for a batch", "None", "Solve these rows one by one with solve_velocity.")
     twists = _stack(J)
@@ -120,14 +127,14 @@ def solve_velocities(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityO
         "posture": None,
         "point": point if isinstance(point, str) else None,
     }
-    fields = checked(m, common)
+    fields = checked_options(m, common)
     fields |= {"lower": lower, "upper": upper, "length": None if length is None else sizes.bounded_length(length)}
     fields["metric"] = None if metric is None else arrays.positive_definite(metric, m, "joint_metric")
     if options.get("backend") is None:
         velocity, residual, numbers = law.solve_rows(twists, s, **fields, **rows, threads=cpu_count())
         if (numbers[:, 1] < 0.0).any():
             _check(twists, s, lower, upper, rows)
-            row(int(np.argmin(numbers[:, 1])))  # which says why
+            row(int(np.argmin(numbers[:, 1])))  # raises the error of that row
     else:
         found = [row(i) for i in range(n)]
         velocity, residual = np.array([x.velocity for x in found]), np.array([x.residual for x in found])
@@ -141,10 +148,10 @@ def solve_velocities(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityO
 
 
 def _check(twists: Array, s: Array, lower: Array, upper: Array, rows: dict[str, Array | None]) -> None:
-    """Look at the numbers of all rows.
+    """Check the numbers of all rows.
 
     Raises:
-        BadInput: NaN, sizes that cannot be computed with, crossed bounds.
+        BadInput: NaN, numbers too large or too small, crossed bounds.
     """
     sizes.bounded_jacobians(_finite(twists, "J"))
     sizes.bounded_twists(_finite(s, "twist"))
@@ -197,5 +204,5 @@ def _box(bounds: Bounds | tuple[ArrayLike, ArrayLike] | None, n: int, m: int) ->
 
 
 def cpu_count() -> int:
-    """How many cores this process may use."""
+    """The number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

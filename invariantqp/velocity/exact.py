@@ -1,4 +1,4 @@
-"""Exact demands on the joint velocity, A x = b: rows that are met before anything else is wanted."""
+"""Exact demands: equality constraints A x = b on the joint velocity."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from invariantqp.geometry.linear import TINY, rank_of
 from invariantqp.geometry.se3 import cross, norm
 from invariantqp.velocity.measure import root_at
 
-# A singular value of the rows below this share of the largest is zero: its row depends on the others.
+# Relative tolerance of singular values in the rank of the rows.
 ROW_TOLERANCE = 1e-10
 
-# Demands are at least this share of the terms that they sum, where contradictions are compared with them: 1e-16 of the
-# terms is rounding, and 1e-9 of a demand a contradiction.
-TERMS = 1e-5
+# Inconsistencies are compared with demands of at least this share of the terms they sum: 1e-16 of the terms is
+# rounding, 1e-9 of a demand an inconsistency.
+LEAST_DEMAND = 1e-5
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
 class ExactRows(Value):
-    """A x = b, met exactly, or along the same direction more slowly where limits forbid it."""
+    """A x = b, satisfied exactly, or scaled down where limits forbid it."""
 
     A: Array = field(converter=own)
     b: Array = field(converter=own)
@@ -41,7 +41,7 @@ class ExactRows(Value):
             A: (k, m) rows on the joint velocity, for instance the velocity of a point, v + omega x p.
             b: (k,) demands.
             of_twist: (k, 6) D where rows are parts of the twist, A = D J, zero for a row that is not; None for none.
-                Dependence of rows in several units is then decided by the measure, not by how the rows are scaled.
+                The rank of rows in several units is then decided by the measure, not by their scaling.
 
         Raises:
             BadInput: shapes that do not fit, NaN.
@@ -53,7 +53,7 @@ class ExactRows(Value):
         self.__attrs_init__(arrays.matrix(rows, (None, rows.shape[1]), "A"), arrays.vector(b, len(rows), "b"), D)
 
     def with_rows(self, others: ExactRows) -> ExactRows:
-        """These rows and others, of the same joints.
+        """These rows and others on the same joints.
 
         Raises:
             BadInput: no ExactRows, or rows on another number of joints.
@@ -75,7 +75,7 @@ class ExactRows(Value):
             J: (6, m) joint twists.
             D: (k, 6) parts of the twist.
             b: (k,) demands.
-            check: whether to check them; float64 arrays that were checked before need not be.
+            check: False for float64 arrays that are known to be valid.
 
         Raises:
             BadInput: shapes that do not fit, NaN.
@@ -138,39 +138,39 @@ def _velocity_of(point: Array) -> Array:
 
 
 def whitened(exact: ExactRows, root: Array, s: Array | None = None) -> tuple[Array, float]:
-    """M (k, r): rows M'A with demands M'b, those of a twist orthonormal in a measure; and how far demands contradict.
+    """M (k, r) with rows M'A and demands M'b, and the relative inconsistency of the demands.
 
-    Rows that are parts of the twist become orthonormal, and others as long as all of these together. So neither frame,
-    unit of length nor choice of rows decides which of them depend on others, and what is met of contradicting ones.
+    Rows that are parts of the twist become orthonormal in the measure; others are scaled to the norm of all of these.
+    So the rank and the solution of inconsistent rows do not depend on frame, unit of length or choice of rows.
 
     Args:
         exact: the rows.
         root: (6, 6) of the measure.
-        s: (6,) the twist of which the demands are parts, if they are: contradictions within its rounding are none.
+        s: (6,) the twist of which the demands are parts, if they are; inconsistencies within its rounding are ignored.
     """
     C, e, D = exact.A, exact.b, exact.of_twist
     if D is None or np.count_nonzero(D) == 0:
         return np.eye(len(e)), 0.0
     twist = D.any(axis=1)
-    mix, contrary = _orthonormal(e[twist], D[twist], root, s)
+    mix, inconsistency = _orthonormal(e[twist], D[twist], root, s)
     if twist.all():
-        return mix, contrary
+        return mix, inconsistency
     parts = mix.T.dot(C[twist])
     sizes = np.sqrt((C[~twist] * C[~twist]).sum(axis=1))
     scale = (sqrt(float((parts * parts).sum())) or 1.0) / np.where(sizes > 0.0, sizes, 1.0)
     M = np.zeros((len(e), len(parts) + len(scale)))
     M[twist, : len(parts)], M[~twist, len(parts) :] = mix, np.diag(scale)
-    return M, contrary
+    return M, inconsistency
 
 
 def _orthonormal(e: Array, D: Array, root: Array, s: Array | None) -> tuple[Array, float]:
-    """The same of rows that are all parts of the twist."""
+    """The same for rows that are all parts of the twist."""
     measured: Array = lapack.dgesv(root.T, D.T)[2].T
     sizes = np.sqrt((measured * measured).sum(axis=1))
     U, sigma = lapack.dgesdd(measured / sizes[:, None])[:2]
     r = rank_of(sigma, ROW_TOLERANCE)
-    contrary = 0.0
+    inconsistency = 0.0
     if r < len(e):
-        demands, terms = (e / sizes).dot(U), 0.0 if s is None else TERMS * norm(np.abs(D).dot(np.abs(s)) / sizes)
-        contrary = norm(demands[r:]) / max(norm(demands), terms, TINY)
-    return U[:, :r] / sigma[:r] / sizes[:, None], contrary
+        demands, terms = (e / sizes).dot(U), 0.0 if s is None else LEAST_DEMAND * norm(np.abs(D).dot(np.abs(s)) / sizes)
+        inconsistency = norm(demands[r:]) / max(norm(demands), terms, TINY)
+    return U[:, :r] / sigma[:r] / sizes[:, None], inconsistency

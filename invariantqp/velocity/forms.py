@@ -1,10 +1,10 @@
-"""Forms: what is attempted of a twist that the joints cannot do.
+"""Forms: what is attempted of a twist that the joints cannot achieve.
 
     PitchForm(h)             Q = Q_h, indefinite, the same in every frame: P_h s ([DS] Sect. 6.2)
     Complement(Z)            Q = KK', K'Z = 0: s projected along Z, what may be given up
     CarriedMetric(W, pose)   definite: measures twists itself, in place of diag(L^2 I, I) at a point
 
-Where the joints can do the whole twist, no form changes anything.
+A twist that the joints can achieve is the same with every form.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from invariantqp.velocity.exact import ROW_TOLERANCE
 
 @runtime_checkable
 class Form(Protocol):
-    """A symmetric form on twists: what is attempted of a twist beyond the joints. Implement it to bring one."""
+    """A symmetric form on twists; implement it for a form of your own."""
 
     def matrix(self, inverse_root: Array) -> Array:
         """(6, 6) the form on measured twists t = root s: t'Mt = s'Qs, M = inverse_root' Q inverse_root."""
@@ -43,8 +43,8 @@ class Form(Protocol):
 class PitchForm(Value):
     """The invariant form Q_h of pitch h [length/rad]: s'Q_h s = 2 (omega.v - h omega.omega).
 
-    What is attempted is P_h s: the rest of s is h-reciprocal to all twists that the joints can do. Large |h| puts
-    orientation first; no h puts position first (use exact rows for that).
+    Attempted is P_h s; the rest of s is h-reciprocal to all twists of the joints. Large |h| favours orientation; no h
+    favours position (use exact rows for that).
 
     Reference: [DS] (2.6), without its factor 1/2, and Sect. 6.2.
     """
@@ -74,9 +74,7 @@ class PitchForm(Value):
 
 @frozen(init=False, eq=False, repr=False, slots=False)
 class Complement(Value):
-    """Twists projected along a space Z of twists that may be given up: the arm does s plus some twist of Z.
-
-    Where the arm can do one of those, Jx = P s, P = J(K'J)^-1 K', K'Z = 0.
+    """Twists projected along a space Z of twists that may be given up: J x = P s, P = J(K'J)^-1 K', K'Z = 0.
 
     Reference: [DS] Sect. 6.2, P = J(K'J)^-1 K'.
     """
@@ -117,7 +115,7 @@ class Complement(Value):
 class CarriedMetric(Value):
     """A positive-definite metric on twists carried by a body: s'Ws, with W given in the body's own frame.
 
-    It replaces diag(L^2 I, I) at a point: what the joints cannot do is missed by least squares in this metric.
+    It replaces diag(L^2 I, I) at a point in the least-squares error.
     """
 
     matrix: Array = field(converter=own)
@@ -130,8 +128,7 @@ class CarriedMetric(Value):
         Args:
             matrix: (6, 6) symmetric positive definite, in the body's frame; a (6,) vector is its diagonal. The body's
                 inertia or a contact's stiffness, for instance.
-            pose: (4, 4) pose of the body's frame in the frame of J, or "tool" to have a controller put it at the tool
-                in every tick.
+            pose: (4, 4) pose of the body's frame in the frame of J, or "tool" for a controller's tool in every tick.
 
         Raises:
             BadInput: a matrix that is not positive definite, no pose.
@@ -144,7 +141,7 @@ class CarriedMetric(Value):
 
     @property
     def follows_tool(self) -> bool:
-        """Whether a controller is to put it at the tool in every tick."""
+        """Whether the body is the tool of a controller."""
         return self.pose is None
 
     def root(self, tool: Array | None = None) -> Array:
@@ -175,7 +172,7 @@ class CarriedMetric(Value):
 
 
 def form_of(form: Form | CarriedMetric | float | None) -> Form | CarriedMetric | None:
-    """The form for an argument: a number is a PitchForm; None is no form, and least squares in the measure decides.
+    """The form of an argument: a number is a PitchForm, None is least squares.
 
     Raises:
         BadInput: neither a number nor a form.

@@ -1,4 +1,4 @@
-"""The descent guard of a form: how much of the decrease of the error by least squares has to be left."""
+"""The descent guard of a form: the share of the least-squares decrease of the error that it must keep."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.fields import Value
 
-# Half of the decrease by least squares: the form's velocity is unchanged wherever it is at least half as good.
+# The form's velocity is unchanged where it achieves at least half the decrease of least squares.
 DEFAULT_FRACTION = 0.5
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
 class Guard(Value):
-    """The decrease of the error that a form must at least achieve, measured at the point."""
+    """The least decrease of the error by a form, in the measure."""
 
     fraction: float
 
@@ -34,7 +34,7 @@ class Guard(Value):
 
 
 def guard_of(guard: Guard | bool) -> Guard | None:
-    """The guard for an argument: True is the default one, False none.
+    """The guard of an argument: True is the default one, False none.
 
     Raises:
         BadInput: neither.

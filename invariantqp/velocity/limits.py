@@ -2,12 +2,11 @@
 
     Bounds       lower <= x <= upper
     JointBox     from position and velocity limits: lower = clip((q_min - q) / dt, -v_max, v_max), upper likewise
-    BrakingBox   with acceleration limits: a joint is never faster than it can still brake in the room it has left
     LimitRows    lower <= C x <= upper
     ToolSpeed    |v + omega x p| <= limit, a second-order cone (250 mm/s beside a person)
 
-Inside the position limits zero is always allowed. Outside, the box is the velocity limit towards the range: it is never
-empty and has no jump.
+Inside the position limits zero velocity is always allowed. Outside, the bounds lead back to the range: they are never
+empty, and continuous.
 """
 
 from __future__ import annotations
@@ -26,20 +25,18 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.velocity.backends import UNBOUNDED
 
-# How far outside its position range a joint is reported to be [rad, length]; less is rounding and noise of encoders.
-OUTSIDE = 1e-3
 VECTOR = "a vector of limits, infinite where there is none"
 
 
-def between(lower: ArrayLike, upper: ArrayLike) -> tuple[Array, Array]:
-    """Two vectors of limits with a point between them.
+def checked_bounds(lower: ArrayLike, upper: ArrayLike) -> tuple[Array, Array]:
+    """Two vectors of limits with lower <= upper.
 
     Raises:
         BadInput: empty, of different lengths, NaN, or lower above upper (the joint is named).
     """
     low, high = arrays.array(lower, "lower", VECTOR), arrays.array(upper, "upper", VECTOR)
     pairs = zip(low.tolist(), high.tolist(), strict=True) if low.ndim == 1 and low.shape == high.shape != (0,) else None
-    if pairs and all(a <= b and a < inf and b > -inf for a, b in pairs):  # sooner than numpy for a few
+    if pairs and all(a <= b and a < inf and b > -inf for a, b in pairs):  # faster than NumPy for a few
         return low, high
     for a, argument in ((low, "lower"), (high, "upper")):
         if a.ndim != 1 or len(a) == 0:
@@ -83,11 +80,11 @@ class Bounds(Value):
         Raises:
             BadInput: empty, of different lengths, NaN, or lower above upper (the joint is named).
         """
-        self.__attrs_init__(*between(lower, upper))
+        self.__attrs_init__(*checked_bounds(lower, upper))
 
 
 def bounds_of(bounds: Bounds | tuple[ArrayLike, ArrayLike] | None, m: int) -> Bounds:
-    """The bounds of m joints for an argument: `Bounds`, (lower, upper), or None for none.
+    """The bounds of m joints of an argument: `Bounds`, (lower, upper), or None for none.
 
     Raises:
         BadInput: neither of these, or of another number of joints.
@@ -108,11 +105,11 @@ def bounds_of(bounds: Bounds | tuple[ArrayLike, ArrayLike] | None, m: int) -> Bo
 
 @frozen(init=False, eq=False, repr=False, slots=False)
 class JointBox(Value):
-    """The box that lets a joint come to its limits, or back to them, at no more than `rate` times the way, nor v_max.
+    """Velocity bounds that approach position limits at a rate, within the velocity limits.
 
         |x| <= v_max,     rate (lower - q) <= x <= rate (upper - q)
 
-    At 1/dt all of the way is gone in a tick, and whatever joints lag behind or encoders add makes them chatter.
+    At rate 1/dt joints reach the limits in a tick, and a lag or noise of encoders makes them chatter.
 
     Attributes:
         position_lower: (m,) [rad, length], -inf where there is none.
@@ -131,7 +128,7 @@ class JointBox(Value):
     ) -> None:
         """From limits (m,) that are already checked [rad, length; per s], inf where there is none, and a rate [1/s].
 
-        `margin`, less than half of any range, is kept from position limits; a locked joint has none to keep.
+        `margin`, less than half of any range, is subtracted from it; not for a locked joint.
         """
         low, high = position_lower, position_upper
         if margin:
@@ -149,33 +146,33 @@ class JointBox(Value):
         """The velocities (m,) that lead to the position limits at the rate."""
         return self.rate * (self.position_lower - q), self.rate * (self.position_upper - q)
 
-    def room(self, q: Array) -> tuple[Array, Array]:
+    def distances(self, q: Array) -> tuple[Array, Array]:
         """Distance (m,) to the upper and to the lower position limits [rad, length], negative outside."""
         return self.position_upper - q, q - self.position_lower
 
 
-def braking_speed(room: Array, acceleration: Array, dt: float, rate: float | None = None) -> Array:
-    """The largest x >= 0 with D(x) <= room, for each joint; inf where the room is, 0 where there is none.
+def braking_speed(distance: Array, acceleration: Array, dt: float, rate: float | None = None) -> Array:
+    """The largest x >= 0 with D(x) <= distance, for each joint; inf where that is, 0 where it is negative.
 
         D(x) = dt (x + (x - a dt) + (x - 2 a dt) + ... ) + y / rate
 
-    D is what a joint travels that moves at x in this tick and brakes at a from the next on, tick by tick, until its
-    velocity y is so low that it can cover the rest at the rate [1/s]; without one the last tick covers what is left.
+    D is the stopping distance of a joint that moves at x in this tick, then brakes at a until its velocity y is so low
+    that it can approach the limit at the rate [1/s]; without a rate the last tick covers the rest.
     """
     a = np.minimum(acceleration, UNBOUNDED)  # infinity times zero would be NaN
-    k = 1.0 if rate is None else 1.0 / (rate * dt)  # ticks in which the rest is covered
-    # Room in units of what one tick of acceleration makes in one tick; n ticks of braking need n (n + 1) / 2 of it.
-    r = np.minimum(np.maximum(room, 0.0), UNBOUNDED) / (a * dt * dt)
+    k = 1.0 if rate is None else 1.0 / (rate * dt)  # ticks of the last part
+    # Distance in units of a dt^2, of which n ticks of braking need n (n + 1) / 2.
+    r = np.minimum(np.maximum(distance, 0.0), UNBOUNDED) / (a * dt * dt)
     n = np.maximum(np.ceil(np.sqrt(np.maximum(2.0 * r - k * k + k + 0.25, 0.0)) - k - 0.5), 0.0)
-    return np.where(np.isinf(room), np.inf, a * dt * (r + n * (0.5 * (n - 1.0) + k)) / (n + k))
+    return np.where(np.isinf(distance), np.inf, a * dt * (r + n * (0.5 * (n - 1.0) + k)) / (n + k))
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
 class LimitRows(Value):
     """lower <= C x <= upper: a coupling of joints, the distance to an obstacle, one direction of a point's velocity.
 
-    Where box and rows leave no velocity, the rows give way by the least sum of squares, each measured by its length (so
-    its scale does not count); the box never does.
+    Where bounds and rows are infeasible, the rows are relaxed by the least sum of squares, in units of their norms; the
+    bounds never are.
     """
 
     C: Array = field(converter=own)
@@ -190,7 +187,7 @@ class LimitRows(Value):
             C: (k, m) rows on the joint velocity.
             lower: (k,), -inf where there is none.
             upper: (k,), +inf where there is none.
-            names: (k,) what reasons call the rows, "the cable" for instance; one name for a single row.
+            names: (k,) names of the rows in reasons, "the cable" for instance; one name for a single row.
 
         Raises:
             BadInput: shapes that do not fit, NaN, lower above upper (the row is named), as many names as rows.
@@ -200,54 +197,41 @@ class LimitRows(Value):
             raise BadInput("C", f"shape {matrix.shape}", "(k, m), one row a limit")
         matrix = arrays.matrix(matrix, (None, matrix.shape[1]), "C")
         try:
-            low, high = between(lower, upper)
+            low, high = checked_bounds(lower, upper)
         except BadInput as error:
             raise BadInput(
                 error.argument, error.found.replace("joint", "row"), "lower <= upper for each row"
             ) from error
         if len(low) != len(matrix):
             raise BadInput("lower", f"{len(low)} limits", f"{len(matrix)}, one for each row of C")
-        called = (names,) if isinstance(names, str) and names else arrays.strings(names, "names")
-        if called and len(called) != len(matrix):
-            raise BadInput("names", f"{len(called)} names", f"{len(matrix)}, one for each row of C")
-        self.__attrs_init__(matrix, low, high, called)
-
-    @classmethod
-    def none(cls, m: int) -> LimitRows:
-        """No rows, on m joints."""
-        return cls.trusted(np.empty((0, m)), np.empty(0), np.empty(0))
+        given = (names,) if isinstance(names, str) and names else arrays.strings(names, "names")
+        if given and len(given) != len(matrix):
+            raise BadInput("names", f"{len(given)} names", f"{len(matrix)}, one for each row of C")
+        self.__attrs_init__(matrix, low, high, given)
 
     @classmethod
     def trusted(cls, C: Array, lower: Array, upper: Array, names: Sequence[str] = ()) -> LimitRows:
-        """Rows of float64 arrays that nobody else has and that are known to be right: nothing is checked or copied."""
+        """Rows of valid float64 arrays that are not shared: nothing is checked or copied."""
         made = cls.__new__(cls)
         made.__setstate__({"C": C, "lower": lower, "upper": upper, "names": tuple(names)})
         return made
 
-    def called(self, names: Sequence[str]) -> LimitRows:
-        """The same rows by other names (k,)."""
+    def renamed(self, names: Sequence[str]) -> LimitRows:
+        """The same rows with other names (k,)."""
         made = LimitRows.__new__(LimitRows)
         vars(made).update(vars(self), names=tuple(names))
         return made
 
     def excess(self, x: Array) -> Array:
-        """(k,) how far C x is above the upper limit (positive) or below the lower one (negative); 0 inside."""
+        """(k,) excess of C x over the upper limit (positive) or under the lower one (negative); 0 inside."""
         y = self.C.dot(x)
         over, under = y - self.upper, y - self.lower
         return np.asarray(np.maximum(over, 0.0) + np.minimum(under, 0.0), dtype=np.float64)
 
-    def used(self, x: Array) -> Array:
-        """(2 k,) the share that x takes of each upper limit above zero and each lower one below; 0 for the others."""
-        y, lower, upper = self.C.dot(x), self.lower, self.upper
-        return np.append(y / np.where(upper > 0.0, upper, np.inf), y / np.where(lower < 0.0, lower, -np.inf))
-
 
 @frozen(init=False, eq=False, repr=False, slots=False)
 class ToolSpeed(Value):
-    """The speed limit of a point of the tool.
-
-    It gives way, by the least, where joint limits or rows force the tool to move faster; the status says so.
-    """
+    """The speed limit of a point of the tool; relaxed by the least where bounds or rows force it to move faster."""
 
     limit: float
     point: Array | None = field(converter=optional(own))
@@ -257,7 +241,7 @@ class ToolSpeed(Value):
 
         Args:
             limit: [length/s], positive.
-            point: (3,) in the frame of J for `solve_velocity`; in the tool frame for a controller, None being its own.
+            point: (3,) in the frame of J for `solve_velocity`, in the tool frame for a controller; None is its point.
 
         Raises:
             BadInput: a limit that is not positive, a point that is none.

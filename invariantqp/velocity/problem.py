@@ -1,7 +1,7 @@
-"""The velocity law as a function of plain arrays: `solve_velocity`.
+"""The velocity law as a function of arrays: `solve_velocity`.
 
-The engine reads the arguments and answers. What it refuses is looked at here, so that the error says what was found,
-what was expected and what to do. Another solver answers by `velocity.definition`.
+The engine reads the arguments. If it refuses them, they are checked here for an error with found, expected and remedy.
+Other solvers solve `velocity.definition`.
 
 Reference: [DS] Sect. 6.2.
 """
@@ -36,9 +36,9 @@ from invariantqp.velocity.solution import ACTIVE_TOLERANCE, Status, VelocitySolu
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-# A pace this near to 1 is not slowed down: what limits take of it is that soft.
-WHOLE_PACE = 1.0 - 1e-3
-# What the engine's numbers stand for.
+# An approach scale this close to 1 is the softness of its problem, and not reported.
+SCALE_TOLERANCE = 1e-3
+# In the order of the engine's enums.
 METHODS = ("closed-form", "damped", "qp", "hold")
 STATUSES = (Status.OK, Status.LIMITED, Status.GUARDED, Status.SCALED, Status.DEGRADED, Status.HELD)
 
@@ -46,25 +46,24 @@ STATUSES = (Status.OK, Status.LIMITED, Status.GUARDED, Status.SCALED, Status.DEG
 class VelocityOptions(TypedDict, total=False):
     """The keyword arguments of `solve_velocity`, `solve_velocities` and `solve_tasks`.
 
-    form: what is attempted of a twist that the joints cannot do: None (the default) is least squares at the point; a
-        pitch h [length/rad] is J^{+h} s; or a PitchForm, a Complement, a definite form of yours. CarriedMetric replaces
-        the measure instead.
-    damping: lambda >= 0. Without a form, the joint velocity counts lambda^2 |x|^2 beside the error [length]; with a
-        pitch form it is that of `systems.damped_pseudoinverse`. None is 0: near a singularity, joints are then as fast
-        as the bounds allow.
+    form: what is attempted of a twist that the joints cannot achieve: None is least squares at the point, a pitch h
+        [length/rad] is J^{+h} s; or a PitchForm, a Complement, a definite form of yours. A CarriedMetric replaces the
+        measure instead.
+    damping: lambda >= 0. Without a form, adds lambda^2 |x|^2 to the squared error [length]; with a pitch form, that of
+        `systems.damped_pseudoinverse`. None is 0: joints near a singularity are then as fast as the bounds allow.
     bounds: joint velocity limits, `Bounds` or (lower, upper); None is no limits.
-    exact: rows A x = b, met before anything is minimised; they slow down where limits forbid their full speed.
-    joint_metric: (m, m) or (m,) positive definite M, the size of a joint velocity is x'Mx; None is the identity, with
-        1/L^2 for prismatic joints.
+    exact: equality constraints A x = b, scaled down where limits forbid their full speed.
+    joint_metric: (m, m) or (m,) positive definite M, |x|^2 = x'Mx; None is the identity, with 1/L^2 for prismatic
+        joints.
     backend: None is the engine; "daqp", any solver that qpsolvers has, or a `Backend` of yours solves
         `velocity.definition` instead, in milliseconds.
-    guard: True or a `Guard` shortens what a form attempts, so that the error decreases where no limit is active.
-    posture: (m,) joint velocity wanted where the twist leaves joints free; None is zero.
-    rows: limits on combinations of joint velocities; they give way where they contradict the bounds.
-    tool_speed: speed limit of a point; it gives way where it contradicts bounds or rows.
-    point: (3,) in the frame of J, the physical point at which the error is least where the twist cannot be met; None or
-        "own" is the arm's own point, which its joints move least. Name one where the joint axes nearly meet in a point.
-    length: L [length/rad]: a radian counts as much as L units of length at the point; None is the arm's reach to it.
+    guard: True or a `Guard` shortens what a form attempts so that the error decreases where no limit is active.
+    posture: (m,) desired joint velocity in the null space; None is zero.
+    rows: limits on linear combinations of joint velocities; relaxed where they conflict with the bounds.
+    tool_speed: speed limit of a point; relaxed where it conflicts with bounds or rows.
+    point: (3,) in the frame of J, where the error is minimised if the twist cannot be achieved; None or "own" is the
+        arm's own point, which its joints move least. Name one where the joint axes nearly meet in a point.
+    length: L [length/rad]: a radian counts as L units of length at the point; None is the arm's reach to it.
     """
 
     form: Form | CarriedMetric | float | None
@@ -84,13 +83,13 @@ class VelocityOptions(TypedDict, total=False):
 def solve_velocity(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityOptions]) -> VelocitySolution:
     """Joint velocities for a twist, the same in every frame and unit, inside the bounds.
 
-    Where joints and limits can do the whole twist, they do, in closed form. Otherwise the error is least in the measure
-    |s|^2 = L^2 |omega|^2 + |v at the point|^2, taken at one physical point. A form changes what is attempted of the
-    part that the joints cannot do: with `form=h` and no limit active, the velocity is J^{+h} s.
+    A twist that joints and limits allow is achieved, in closed form. Otherwise the error is minimised in the measure
+    |s|^2 = L^2 |omega|^2 + |v at the point|^2. A form changes what is attempted of the part that the joints cannot
+    achieve: with `form=h` and no active limit, the velocity is J^{+h} s.
 
     Args:
         J: (6, m) joint twists (omega; v) as columns, in any one frame, the joint at the base first; m up to 64.
-        twist: (6,) wanted twist in the same frame [rad/s; length/s].
+        twist: (6,) desired twist in the same frame [rad/s; length/s].
         options: form, damping, bounds, exact, joint_metric, backend, guard, posture, rows (up to 256), tool_speed,
             point, length, see `VelocityOptions`.
 
@@ -107,7 +106,7 @@ def solve_velocity(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityOpt
     """
     if options.get("backend") is None:
         try:
-            return solution_of(law.solve(J, twist, **given(options)), names_of(options.get("rows")))
+            return solution_of(law.solve(J, twist, **engine_options(options)), row_names_of(options.get("rows")))
         except (ValueError, TypeError, AttributeError, KeyError):
             pass
         except ArithmeticError:
@@ -118,9 +117,9 @@ def solve_velocity(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityOpt
 def solution_of(
     fields: tuple[Any, ...], row_names: Iterable[str] = (), joint_names: tuple[str, ...] = ()
 ) -> VelocitySolution:
-    """The solution that the engine's fields are, for the names of rows of limits and of joints."""
-    x, method, status, reasons, active, residual, share, damping, guard, pulls, row_pulls = fields
-    backend = "engine" if method == 2 else ""
+    """The solution of the engine's fields, with names of limit rows and joints."""
+    x, method, status, reasons, active, residual, scale, damping, guard, multipliers, row_multipliers = fields
+    backend = "engine" if METHODS[method] == "qp" else ""
     return VelocitySolution(
         x,
         METHODS[method],
@@ -128,62 +127,62 @@ def solution_of(
         reasons,
         active,
         residual,
-        share,
+        scale,
         damping,
         guard,
         backend,
-        pulls,
-        row_pulls,
+        multipliers,
+        row_multipliers,
         row_names,
         joint_names,
     )
 
 
-def names_of(rows: LimitRows | None) -> tuple[str, ...]:
+def row_names_of(rows: LimitRows | None) -> tuple[str, ...]:
     """The names of rows, () for none."""
     return () if rows is None else rows.names
 
 
-def given(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Options as the engine takes them, not checked: of another kind, they have no such attribute, or are refused."""
+def engine_options(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Options as the engine takes them, not checked: wrong ones raise AttributeError or are refused."""
     fields: dict[str, Any] = {}
     for name, value in options.items():
         if value is not None:
-            fields |= TAKEN[name](value, options)
+            fields |= ENGINE_OPTIONS[name](value, options)
     return fields
 
 
-def _given_bounds(bounds: Any, _options: Mapping[str, Any]) -> dict[str, Any]:
+def _bounds(bounds: Any, _options: Mapping[str, Any]) -> dict[str, Any]:
     lower, upper = (bounds.lower, bounds.upper) if isinstance(bounds, Bounds) else bounds
     return {"lower": lower, "upper": upper}
 
 
-def _given_tool_speed(tool_speed: Any, options: Mapping[str, Any]) -> dict[str, Any]:
+def _tool_speed(tool_speed: Any, options: Mapping[str, Any]) -> dict[str, Any]:
     point = options.get("point") if tool_speed.point is None else tool_speed.point
     return {"tool_speed": (point, tool_speed.limit)}
 
 
-def _given_guard(guard: Any, _options: Mapping[str, Any]) -> dict[str, Any]:
+def _guard(guard: Any, _options: Mapping[str, Any]) -> dict[str, Any]:
     return {} if guard is False else {"guard": Guard().fraction if guard is True else guard.fraction}
 
 
-def _given_point(point: Any, _options: Mapping[str, Any]) -> dict[str, Any]:
+def _point(point: Any, _options: Mapping[str, Any]) -> dict[str, Any]:
     return {} if isinstance(point, str) and point == "own" else {"point": point}
 
 
-# How the engine takes each option.
-TAKEN: dict[str, Callable[[Any, Mapping[str, Any]], dict[str, Any]]] = {
+# Engine arguments of each option; a joint metric is checked first.
+ENGINE_OPTIONS: dict[str, Callable[[Any, Mapping[str, Any]], dict[str, Any]]] = {
     "form": lambda form, _: form_fields(form_of(form)),
     "damping": lambda damping, _: {"damping": damping},
-    "bounds": _given_bounds,
+    "bounds": _bounds,
     "exact": lambda rows, _: {"exact": (rows.A, rows.b, rows.of_twist)},
-    "guard": _given_guard,
+    "guard": _guard,
     "posture": lambda posture, _: {"posture": posture},
     "rows": lambda rows, _: {"rows": (rows.C, rows.lower, rows.upper)},
-    "tool_speed": _given_tool_speed,
-    "point": _given_point,
+    "tool_speed": _tool_speed,
+    "point": _point,
     "length": lambda length, _: {"length": length},
-}  # a joint metric is checked first
+}
 
 
 def form_fields(form: Form | CarriedMetric | None) -> dict[str, Any]:
@@ -199,11 +198,11 @@ def form_fields(form: Form | CarriedMetric | None) -> dict[str, Any]:
     return {"form": ("definite", form.matrix(np.eye(6)))}
 
 
-def checked(m: int, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Options for m joints as the engine takes them, but for the joint metric.
+def checked_options(m: int, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Checked options for m joints as the engine takes them, without the joint metric.
 
     Raises:
-        BadInput: what was found, expected, and what to do.
+        BadInput: an option is wrong.
         TypeError: no such option.
     """
     unknown = options.keys() - VelocityOptions.__annotations__.keys()
@@ -220,7 +219,7 @@ def checked(m: int, options: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _checked_limits(m: int, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Bounds, exact rows, rows and tool speed."""
+    """Checked bounds, exact rows, rows and tool speed."""
     box = bounds_of(options.get("bounds"), m)
     fields: dict[str, Any] = {"lower": np.asarray(box.lower), "upper": np.asarray(box.upper)}
     exact, rows, tool_speed = options.get("exact"), options.get("rows"), options.get("tool_speed")
@@ -247,16 +246,20 @@ def _checked_limits(m: int, options: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _checked_solution(J: ArrayLike, twist: ArrayLike, options: VelocityOptions) -> VelocitySolution:
-    """The solution for arguments of any kind."""
+    """The solution for arguments that the engine refused, or for another solver."""
     twists, s = sizes.bounded_jacobian(J), sizes.bounded_twists(arrays.twist(twist))
     check_joints(twists.shape[1])
-    fields, form, backend = checked(twists.shape[1], options), form_of(options.get("form")), options.get("backend")
+    fields, form, backend = (
+        checked_options(twists.shape[1], options),
+        form_of(options.get("form")),
+        options.get("backend"),
+    )
     measure = measure_of(twists, s, form, options.get("point"), options.get("length"))
     metric = metric_of(options.get("joint_metric"), twists, measure.point, measure.length)
     fields |= {"point": measure.point, "length": measure.length, "metric": metric}
     try:
         if backend is None:
-            return solution_of(law.solve(twists, s, **fields), names_of(options.get("rows")))
+            return solution_of(law.solve(twists, s, **fields), row_names_of(options.get("rows")))
         return _by_definition(twists, s, measure.root, fields, options, backend_of(backend))
     except ArithmeticError:
         raise no_projector(twists, form) from None
@@ -267,13 +270,13 @@ def _checked_solution(J: ArrayLike, twist: ArrayLike, options: VelocityOptions) 
 
 
 def check_joints(m: int) -> None:
-    """Refuse more joints than the engine has.
+    """Check the number of joints.
 
     Raises:
-        BadInput: more than that.
+        BadInput: more than the engine supports.
     """
     if m > law.MOST_JOINTS:
-        raise BadInput("J", f"{m} joints", f"at most {law.MOST_JOINTS}", "Leave out joints that are to stand still.")
+        raise BadInput("J", f"{m} joints", f"at most {law.MOST_JOINTS}", "Leave out joints that stand still.")
 
 
 def _check_width(argument: str, width: int, m: int) -> None:
@@ -282,7 +285,7 @@ def _check_width(argument: str, width: int, m: int) -> None:
 
 
 def no_projector(J: Array, form: Form | CarriedMetric | None) -> Exception:
-    """Why a form has no projector for twists J (6, m), or none that can be computed."""
+    """The exception that says why a form has no projector for joint twists J (6, m)."""
     system = ScrewSystem(J)
     if isinstance(form, PitchForm):
         return no_pseudoinverse(system, form.h, factors(system, form.h))
@@ -295,7 +298,7 @@ def no_projector(J: Array, form: Form | CarriedMetric | None) -> Exception:
 
 
 def tick_of(J: Array, s: Array, root: Array, fields: Mapping[str, Any], form: Form | None = None) -> Tick:
-    """The tick of a twist by itself, as the definition has it, for fields of the engine."""
+    """The tick of a single call for `velocity.definition`, from arguments of the engine."""
     m, rows, P, speed = J.shape[1], fields.get("rows"), None, inf
     if "tool_speed" in fields:
         at, speed = fields["tool_speed"]
@@ -309,7 +312,7 @@ def tick_of(J: Array, s: Array, root: Array, fields: Mapping[str, Any], form: Fo
     return Tick(
         J=J,
         root=root,
-        ahead=s,
+        feedforward=s,
         error=np.zeros(len(s)),
         lower=fields["lower"],
         upper=fields["upper"],
@@ -325,22 +328,23 @@ def tick_of(J: Array, s: Array, root: Array, fields: Mapping[str, Any], form: Fo
     )
 
 
-def found_by(answer: Answer, tick: Tick) -> tuple[Any, ...]:
-    """What the definition found, for the engine's report."""
+def answer_fields(answer: Answer, tick: Tick) -> tuple[Any, ...]:
+    """An answer of the definition as the engine takes it for its report."""
     x = np.clip(answer.velocity, tick.lower, tick.upper)
-    relaxed, faster = None, 0.0
-    for name, by in answer.gave_way:
+    relaxed, speed_excess = None, 0.0
+    for name, by in answer.relaxed:
         if name == TOOL_SPEED:
-            faster = by
+            speed_excess = by
         elif tick.rows is not None:
             relaxed = np.zeros(len(tick.rows.C)) if relaxed is None else relaxed
             relaxed[int(name.removeprefix("row "))] = by
-    limited = bool(at_bounds(x, tick.lower, tick.upper).any()) or answer.pace < WHOLE_PACE
+    limited = bool(at_bounds(x, tick.lower, tick.upper).any()) or answer.approach_scale < 1.0 - SCALE_TOLERANCE
     if tick.rows is not None:
         C, lower, upper, _, P, speed = tick.rows
         limited = limited or bool(at_bounds(C.dot(x), lower, upper).any())
         limited = limited or (P is not None and float(np.linalg.norm(P.dot(x))) >= speed * (1.0 - ACTIVE_TOLERANCE))
-    return x, answer.pace, float(np.clip(answer.share, 0.0, 1.0)), answer.guarded, limited, relaxed, faster
+    scale = float(np.clip(answer.scale, 0.0, 1.0))
+    return x, answer.approach_scale, scale, answer.residual, answer.form_share, limited, relaxed, speed_excess
 
 
 def _by_definition(
@@ -348,24 +352,26 @@ def _by_definition(
 ) -> VelocitySolution:
     form = form_of(options.get("form"))
     tick = tick_of(J, s, root, fields, None if isinstance(form, CarriedMetric) else form)
-    return reported(partial(law.solve, J, s, **fields), partial(velocity, tick, backend), tick, backend, options)
+    return solution_by_definition(
+        partial(law.solve, J, s, **fields), partial(velocity, tick, backend), tick, backend, options
+    )
 
 
-def reported(
+def solution_by_definition(
     report: Callable[..., tuple[Any, ...]],
     answer: Callable[[], Answer],
     tick: Tick,
     backend: Backend,
     options: Mapping[str, Any],
 ) -> VelocitySolution:
-    """The solution for what the definition answers by a back end, "held" where it finds nothing."""
-    names = names_of(options.get("rows"))
+    """The solution of the definition by a back end, "held" without one."""
+    names = row_names_of(options.get("rows"))
     try:
         found = answer()
     except (SolverFailure, np.linalg.LinAlgError) as failure:
-        still = np.clip(np.zeros(tick.J.shape[1]), tick.lower, tick.upper)
-        held = solution_of(report(found=(still, 1.0, 0.0, 1.0, True, None, 0.0)), names)
-        why = (Reason(Code.NO_VELOCITY, words=str(failure)),)
+        rest = np.clip(np.zeros(tick.J.shape[1]), tick.lower, tick.upper)
+        held = solution_of(report(found=(rest, 1.0, 0.0, 0.0, 1.0, True, None, 0.0)), names)
+        why = (Reason(Code.NO_SOLUTION, words=str(failure)),)
         return held._replace(method="hold", status=Status.HELD, reasons=why, scale=0.0, backend="")
-    solution = solution_of(report(found=found_by(found, tick)), names)
+    solution = solution_of(report(found=answer_fields(found, tick)), names)
     return solution._replace(backend=backend.name if solution.method == "qp" else "")

@@ -3,8 +3,8 @@
     level 1:  x_1 = argmin sum_i w_i 1/2 |A_i x - b_i|^2      inside the bounds, with the exact rows
     level 2:  likewise among the x with J_1 x = J_1 x_1, and so on
 
-Each twist is measured at its own point, so the sum does not depend on frames either. A joint task asks for a joint
-velocity: towards a posture, or zero for little motion. So no lower level disturbs a higher one.
+Each twist is measured at its own point, so the sum does not depend on frames. A joint task is a desired joint velocity:
+towards a posture, or zero.
 """
 
 from __future__ import annotations
@@ -30,7 +30,15 @@ from invariantqp.velocity.arguments import Measure, measure_of, metric_of
 from invariantqp.velocity.backends import backend_of
 from invariantqp.velocity.definition import prioritised
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
-from invariantqp.velocity.problem import check_joints, checked, names_of, reported, solution_of, solve_velocity, tick_of
+from invariantqp.velocity.problem import (
+    check_joints,
+    checked_options,
+    row_names_of,
+    solution_by_definition,
+    solution_of,
+    solve_velocity,
+    tick_of,
+)
 from invariantqp.velocity.solution import VelocitySolution
 
 if TYPE_CHECKING:
@@ -39,7 +47,7 @@ if TYPE_CHECKING:
     from invariantqp.velocity.problem import VelocityOptions
 
 # Options that belong to each task.
-REFUSED = {
+UNSUPPORTED = {
     "form": "Give each TwistTask its own form.",
     "posture": "Add a JointTask of the last priority.",
     "point": "Give each TwistTask its own point.",
@@ -73,24 +81,24 @@ class TwistTask(Value):
 
         Args:
             J: (6, m) joint twists of that body; zero columns for joints that do not move it.
-            twist: (6,) wanted, in the frame of J.
-            form: what is attempted of a twist that the joints cannot do, as in `solve_velocity`.
+            twist: (6,) desired, in the frame of J.
+            form: what is attempted of a twist that the joints cannot achieve, as in `solve_velocity`.
             weight: share in its level's sum [1], positive.
             priority: level, 0 first.
-            point: (3,) at which the error is least where the twist cannot be met, as in `solve_velocity`.
+            point: (3,) where the error is minimised if the twist cannot be achieved, as in `solve_velocity`.
 
         Raises:
             BadInput: NaN, shapes that do not fit, a weight that is not positive, something that is no form or point.
         """
-        twists, wanted, chosen = sizes.bounded_jacobian(J), sizes.bounded_twists(arrays.twist(twist)), form_of(form)
-        measure = measure_of(twists, wanted, chosen, point, None)
+        twists, desired, chosen = sizes.bounded_jacobian(J), sizes.bounded_twists(arrays.twist(twist)), form_of(form)
+        measure = measure_of(twists, desired, chosen, point, None)
         share, level = arrays.number(weight, "weight", positive=True), arrays.count(priority, "priority")
-        self.__attrs_init__(twists, wanted, chosen, share, level, measure.point, measure)
+        self.__attrs_init__(twists, desired, chosen, share, level, measure.point, measure)
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
 class JointTask(Value):
-    """Move the joints themselves: towards a posture, gain (q_wanted - q), or zero for little motion."""
+    """A desired joint velocity: towards a posture, gain (q_desired - q), or zero."""
 
     velocity: Array = field(converter=own)
     weight: float
@@ -100,7 +108,7 @@ class JointTask(Value):
         """A task.
 
         Args:
-            velocity: (m,) wanted [rad/s, length/s].
+            velocity: (m,) desired [rad/s, length/s].
             weight: share in its level's sum, positive [length^2: a radian counts as that length at the tasks' points].
             priority: level, 0 first.
 
@@ -112,11 +120,10 @@ class JointTask(Value):
 
 
 def solve_tasks(tasks: Sequence[TwistTask | JointTask], **options: Unpack[VelocityOptions]) -> VelocitySolution:
-    """Joint velocities for several tasks; lower levels never disturb what a higher one achieves inside the limits.
+    """Joint velocities for several tasks; lower levels keep what higher ones achieve inside the limits.
 
     Args:
-        tasks: of one arm, any order; those of one priority are weighed against each other. A twist with a form is
-            P s, what the form attempts of it.
+        tasks: of one arm, in any order; those of one priority are weighted. With a form, a twist s is replaced by P s.
         options: damping, bounds, exact, joint_metric, backend, rows, tool_speed; see `VelocityOptions`. form, guard,
             point, length and posture belong to a task.
 
@@ -131,7 +138,7 @@ def solve_tasks(tasks: Sequence[TwistTask | JointTask], **options: Unpack[Veloci
         raise BadInput(
             "tasks", "none" if isinstance(tasks, Sequence) else excerpt(tasks), "a list of TwistTask, JointTask"
         )
-    for name, remedy in REFUSED.items():
+    for name, remedy in UNSUPPORTED.items():
         if options.get(name) not in (None, False):
             raise BadInput(name, "given for several tasks", "None", remedy)
     m = _joints(tasks[0], 0)
@@ -141,7 +148,7 @@ def solve_tasks(tasks: Sequence[TwistTask | JointTask], **options: Unpack[Veloci
     check_joints(m)
     ordered = sorted(tasks, key=lambda task: task.priority)
     first = next((task for task in ordered if isinstance(task, TwistTask)), None)
-    fields, metric = checked(m, options), options.get("joint_metric")
+    fields, metric = checked_options(m, options), options.get("joint_metric")
     if first is None:
         fields["metric"] = None if metric is None else arrays.positive_definite(metric, m, "joint_metric")
     else:
@@ -152,11 +159,11 @@ def solve_tasks(tasks: Sequence[TwistTask | JointTask], **options: Unpack[Veloci
     levels = [_stacked(list(level), fields["metric"]) for _, level in groupby(ordered, key=lambda task: task.priority)]
     backend = options.get("backend")
     if backend is None:
-        solution = solution_of(law.solve_levels(levels, **fields), names_of(options.get("rows")))
+        solution = solution_of(law.solve_levels(levels, **fields), row_names_of(options.get("rows")))
     else:
         ticks, solver = [tick_of(J, s, root, fields) for J, root, s in levels], backend_of(backend)
         report = partial(law.solve_levels, levels, **fields)
-        solution = reported(report, partial(prioritised, ticks, solver), ticks[0], solver, options)
+        solution = solution_by_definition(report, partial(prioritised, ticks, solver), ticks[0], solver, options)
     residual = np.zeros(6) if first is None else first.twist - first.J.dot(solution.velocity)
     return solution._replace(residual=residual, multipliers=None, row_multipliers=None)
 
@@ -170,7 +177,7 @@ def _joints(task: TwistTask | JointTask, i: int) -> int:
 
 
 def _stacked(level: list[TwistTask | JointTask], metric: Array | None) -> tuple[Array, Array, Array]:
-    """J (6 n, m), root (6 n, 6 n) and twists (6 n,) of a level; joint velocities are rows of bodies of their own."""
+    """J (6 n, m), root (6 n, 6 n) and twists (6 n,) of a level; six joint velocities take the place of a twist."""
     parts = [_twist(task) if isinstance(task, TwistTask) else _velocity(task, metric) for task in level]
     J, roots, s = zip(*parts, strict=True)
     return np.vstack(J), np.asarray(block_diag(*roots)), np.concatenate(s)

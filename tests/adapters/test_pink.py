@@ -495,8 +495,8 @@ def test_limits_that_are_nan_or_infeasible_are_a_status(arms):
         (ConstantLimit(row, np.array([np.nan])), "held", "ConstantLimit gives NaN here"),
         (ConstantLimit(np.nan * row, np.zeros(1)), "held", "ConstantLimit gives NaN here"),
         (ConstantLimit(0.0 * row, -np.ones(1)), "held", "allows no velocity"),
-        (ConstantLimit(np.vstack((row, -row)), -0.001 * np.ones(2)), "degraded", "rows contradict each other"),
-        (ConstantLimit(row, np.array([-100.0])), "degraded", "rows contradict the bounds of joint 0"),
+        (ConstantLimit(np.vstack((row, -row)), -0.001 * np.ones(2)), "degraded", "limit rows conflict with each other"),
+        (ConstantLimit(row, np.array([-100.0])), "degraded", "limit rows conflict with the bounds of joint 0"),
         (ConstantLimit(row, np.array([np.inf])), "", ""),
         (ConstantLimit(np.empty((0, 6)), np.empty(0)), "", ""),
     ):

@@ -204,7 +204,7 @@ def test_what_moves_is_not_told_that_nothing_helps():
     slow = iq.Controller(robot, dt=0.001)
     solution = slow.step(q, iq.transform(translation=[1.2, 0.0, 0.5]) @ robot.pose(q), velocity_limit=0.005)
     codes = [reason.code.name for reason in solution.reasons]
-    assert (solution.status, codes) == ("limited", ["CHASE_SLOWED", "AT_LIMITS"])
+    assert (solution.status, codes) == ("limited", ["APPROACH_SCALED", "AT_LIMITS"])
     loop, ends = iq.Controller(robot, dt=0.01), []
     far = iq.transform(translation=[3.0, 0.0, 0.5])
     for _ in range(1400):
@@ -344,7 +344,7 @@ def test_scaled_keeps_the_direction_of_an_exact_point(name):
         v = moving[3:] + np.cross(moving[:3], p)
         said = {reason.code: reason.numbers[0] for reason in solution.reasons if reason.numbers}
         near = 1e-3 if solution.status == "scaled" else 0.05
-        assert solution.scale == pytest.approx(said.get(Code.ROWS_SLOWED, 1.0), abs=near)
+        assert solution.scale == pytest.approx(said.get(Code.EXACT_ROWS_SCALED, 1.0), abs=near)
         np.testing.assert_allclose(v, solution.scale * (led + closing), atol=1e-6 * (1.0 + np.linalg.norm(closing)))
         assert (solution.status == "scaled") <= (solution.scale < 1.0 - 1e-6)
         assert (solution.status == "scaled") >= (solution.scale < 0.95)

@@ -30,8 +30,8 @@ def tick(J, error, root, **options):
     """The law's tick of the same, as the definition has it."""
     m, wide = J.shape[1], np.full(J.shape[1], inf)
     limits = {"lower": -wide, "upper": wide, "position_lower": -wide, "position_upper": wide}
-    fields = {"J": -J[SWAPPED], "root": root, "ahead": error[SWAPPED], "error": np.zeros(6)}
-    return definition.Tick(**fields, **limits, **{"before": None, **options}), m
+    fields = {"J": -J[SWAPPED], "root": root, "feedforward": error[SWAPPED], "error": np.zeros(6)}
+    return definition.Tick(**fields, **limits, **{"last_velocity": None, **options}), m
 
 
 def root_of(costs, point):
@@ -63,8 +63,8 @@ def test_it_is_the_objective_of_the_law(name, kind):
         A = posed.root @ posed.J
         _, sigma, Vt = np.linalg.svd(A)
         still = Vt[np.count_nonzero(sigma > 1e-9 * sigma[0]) :]
-        size, b = np.vdot(A, A), posed.root @ posed.ahead
-        wanted = problem.H + (FREE - definition.NULL) * size * still.T @ still + 0.1 * b.dot(b) * np.eye(m)
+        size, b = np.vdot(A, A), posed.root @ posed.feedforward
+        wanted = problem.H + (FREE - definition.NULL_WEIGHT) * size * still.T @ still + 0.1 * b.dot(b) * np.eye(m)
         np.testing.assert_allclose(H, wanted, rtol=0.0, atol=1e-12 * size)
         np.testing.assert_allclose(c, -(problem.f + problem.e), rtol=0.0, atol=1e-10 * np.abs(c).max())
 

@@ -309,7 +309,7 @@ def test_reasons_call_rows_by_the_names_that_their_limits_give(robot, limits, na
     assert all(name.removeprefix("row ") in solution.reason for name in at.rows)
     contradiction = LimitRows(np.vstack((np.eye(7)[:1],) * 2), [9.0, 99.0], [np.inf] * 2, ["a little", "a lot"])
     worst = answer(robot, limits=[*limits, contradiction]).reasons[0]
-    assert worst.code is iq.velocity.Code.ROWS_CONTRADICT
+    assert worst.code is iq.velocity.Code.LIMITS_CONFLICT
     assert worst.rows[:2] == ("a lot", "a little")
     assert worst.joints == (0,)
 

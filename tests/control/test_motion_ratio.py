@@ -14,7 +14,7 @@ from invariantqp.velocity import Code
 
 ARMS = ("panda", "ur5", "xarm7", "so101")
 ROBOTS = {name: iq.load_robot(name) for name in ARMS}
-WRONG = {Code.DT_IS_WRONG, Code.STATES_ARE_OLD, Code.NOT_FOLLOWING}
+WRONG = {Code.WRONG_DT, Code.STALE_JOINT_STATES, Code.NOT_FOLLOWING}
 TWIST = np.array([0.1, 0.05, 0.0, 0.05, 0.05, -0.05])
 
 

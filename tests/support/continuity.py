@@ -13,8 +13,8 @@ JUMP = 1e-3
 SLOW = 0.1
 
 
-def height(velocity):
-    """The largest change of velocity(t) over 2^-36 of a step of [0, 1], relative to the largest velocity."""
+def height(velocity, jump=JUMP):
+    """The largest change of velocity(t) over 2^-36 of a step of [0, 1], relative to the largest; ends at `jump`."""
     times = np.linspace(0.0, 1.0, SAMPLES + 1)
     path = [velocity(t) for t in times]
     size = max(SLOW, *(np.abs(x).max() for x in path))
@@ -28,6 +28,6 @@ def height(velocity):
             high, x_high = middle, x
         else:
             low, x_low = middle, x
-        if np.abs(x_high - x_low).max() <= JUMP * size:
+        if np.abs(x_high - x_low).max() <= jump * size:
             break
     return np.abs(x_high - x_low).max() / size

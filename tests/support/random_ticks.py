@@ -7,7 +7,7 @@ How often each occurs in `random_tick`:
     Jacobian        random 35 %, of a real arm 25 %, of a geometric kind (planar, SCARA, concurrent, ...) 15 %, singular
                     values scaled by 10^-k with k up to 12 15 %, dependent, repeated or zero columns 10 %
     units           joint twists and velocities scaled by 1e-3 or 1e3 each in 20 %
-    twist           random 60 %, one that joints can do 25 %, zero 5 %, all of it error 30 %, all of it ahead 30 %
+    twist           random 60 %, one that joints can do 25 %, zero 5 %, all of it error 30 %, all of it feedforward 30 %
     limits          none 15 %, wide 30 %, tight 35 %, mixed 20 %: each joint then free, free on one side, without
                     width, away from zero, or tight; position limits coincide with them in 30 % of these
     rows            40 %: 1 to 8, 9 to 256 in 3 % of these; the first two exclude each other in a quarter, the last is
@@ -72,7 +72,7 @@ def random_tick(rng: np.random.Generator) -> Tick:
     elif rng.random() < 0.5:
         tick = replace(tick, damping=float(np.linalg.norm(J) * 10.0 ** rng.uniform(-4.0, 0.0)))
     if rng.random() < 0.5:
-        tick = with_posture(rng, tick, fastest=rng.random() < 0.6)
+        tick = with_posture(rng, tick, velocity_limit=rng.random() < 0.6)
     if rng.random() < 0.2:
         tick = replace(tick, metric=random_metric(rng, J.shape[1]))
     return with_form(rng, tick) if bodies == 1 and rng.random() < 0.25 else tick
@@ -188,7 +188,7 @@ def with_exact_rows(rng: np.random.Generator, tick: Tick) -> Tick:
     n, m = tick.J.shape
     k = int(rng.integers(1, min(m, 5) + 1))
     D = (rng.normal(size=(k, n)), np.eye(n)[rng.permutation(n)[:k]], np.eye(n)[3 : 3 + k])[rng.integers(3)]
-    E, ahead, error = D @ tick.J, D @ tick.ahead, D @ tick.error
+    E, ahead, error = D @ tick.J, D @ tick.feedforward, D @ tick.error
     if rng.random() < 0.3:
         E = np.eye(m)[rng.permutation(m)[:k]] if rng.random() < 0.5 else rng.normal(size=(k, m))
         ahead = rng.choice((0.0, 1.0)) * typical(tick) * rng.normal(size=k)
@@ -200,17 +200,21 @@ def with_exact_rows(rng: np.random.Generator, tick: Tick) -> Tick:
 
 def with_memory(rng: np.random.Generator, tick: Tick) -> Tick:
     """With what a loop remembers of the tick before."""
-    wanted = float(np.linalg.norm(tick.root.dot(tick.ahead + tick.error)))
+    wanted = float(np.linalg.norm(tick.root.dot(tick.feedforward + tick.error)))
     before = typical(tick) * rng.normal(size=tick.J.shape[1]) * rng.choice((0.0, 0.3))
     missed = wanted * rng.choice((0.0, rng.random(), rng.random() ** 8))
-    return replace(tick, before=before, missed=float(missed), held=float(rng.choice((1e-3, 0.002, 0.01, 0.05))))
+    return replace(
+        tick, last_velocity=before, last_residual=float(missed), hold_time=float(rng.choice((1e-3, 0.002, 0.01, 0.05)))
+    )
 
 
-def with_posture(rng: np.random.Generator, tick: Tick, *, fastest: bool) -> Tick:
+def with_posture(rng: np.random.Generator, tick: Tick, *, velocity_limit: bool) -> Tick:
     """With a posture, which rests with the task if full speeds are given."""
     m = tick.J.shape[1]
-    speeds = 10.0 ** rng.uniform(-1.0, 1.0, m) if fastest else None
-    return replace(tick, posture=typical(tick) * rng.normal(size=m) * 10.0 ** rng.uniform(-1.0, 1.0), fastest=speeds)
+    speeds = 10.0 ** rng.uniform(-1.0, 1.0, m) if velocity_limit else None
+    return replace(
+        tick, posture=typical(tick) * rng.normal(size=m) * 10.0 ** rng.uniform(-1.0, 1.0), velocity_limit=speeds
+    )
 
 
 def with_form(rng: np.random.Generator, tick: Tick) -> Tick:
@@ -243,5 +247,5 @@ def random_metric(rng: np.random.Generator, m: int) -> Array:
 
 def typical(tick: Tick) -> float:
     """A joint speed that the twist asks for."""
-    wanted = float(np.linalg.norm(tick.ahead + tick.error))
+    wanted = float(np.linalg.norm(tick.feedforward + tick.error))
     return wanted / max(float(np.linalg.norm(tick.J)), 1e-9) if wanted > 0.0 else 0.1

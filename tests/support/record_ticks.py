@@ -448,7 +448,7 @@ def several_bodies(rng: np.random.Generator) -> Iterator[list[Tick]]:
         tick = random_ticks.with_limits(rng, tick, 0.5, ("none", "wide", "tight", "mixed")[k % 4])
         tick = random_ticks.with_rows(rng, tick, 2) if k % 5 == 0 else tick
         tick = random_ticks.with_exact_rows(rng, tick) if k % 7 == 0 else tick
-        tick = random_ticks.with_posture(rng, tick, fastest=k % 8 == 0) if k % 4 == 0 else tick
+        tick = random_ticks.with_posture(rng, tick, velocity_limit=k % 8 == 0) if k % 4 == 0 else tick
         tick = replace(tick, metric=random_ticks.random_metric(rng, J.shape[1])) if k % 6 == 0 else tick
         yield [random_ticks.with_memory(rng, tick) if k % 2 else tick]
 
@@ -464,7 +464,7 @@ def priorities(rng: np.random.Generator) -> Iterator[list[Tick]]:
         if not isinstance(answer, str):
             s = random_ticks.random_twist(rng, J[6:], 0.5)
             exact = J[:6], J[:6].dot(answer.velocity), np.zeros(6)
-            yield [replace(first, J=J[6:], ahead=0.0 * s, error=s, exact=exact)]
+            yield [replace(first, J=J[6:], feedforward=0.0 * s, error=s, exact=exact)]
 
 
 def single_calls(rng: np.random.Generator) -> Iterator[list[Tick]]:

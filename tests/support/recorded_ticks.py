@@ -23,7 +23,17 @@ FILE = Path(__file__).parents[1] / "velocity" / "ticks.npz"
 FAILED, NO_PSEUDOINVERSE = "failed", "no pseudoinverse"
 ROUNDING = 4.0 * np.finfo(float).eps
 PERTURBED = 4  # times that a tick is solved again, to see how much its answer depends on rounding
-VECTORS = ("ahead", "error", "lower", "upper", "position_lower", "position_upper", "posture", "fastest", "before")
+VECTORS = (
+    "feedforward",
+    "error",
+    "lower",
+    "upper",
+    "position_lower",
+    "position_upper",
+    "posture",
+    "velocity_limit",
+    "last_velocity",
+)
 ARRAYS = ("J", "root", "metric", *VECTORS)
 
 
@@ -76,7 +86,7 @@ def perturbed(tick: Tick, rng: np.random.Generator) -> Tick:
         return a * (1.0 + ROUNDING * rng.choice((-1.0, 1.0), np.shape(a)))
 
     exact = None if tick.exact is None else tuple(rounded(np.asarray(part)) for part in tick.exact)
-    changed = {name: rounded(getattr(tick, name)) for name in ("J", "ahead", "error")}
+    changed = {name: rounded(getattr(tick, name)) for name in ("J", "feedforward", "error")}
     return replace(tick, **changed, exact=exact)
 
 
@@ -138,17 +148,17 @@ def _packed(recorded: Recorded, words: dict[str, int]) -> dict[str, Array | None
         return np.array([words.setdefault(text, len(words)) for text in texts], dtype=float)
 
     fields: dict[str, Array | None] = {name: getattr(tick, name) for name in ARRAYS}
-    fields |= dict.fromkeys(("C", "C_lower", "C_upper", "C_names", "P", "speed", "E", "E_ahead", "E_error"))
-    fields |= dict.fromkeys(("velocity", "result", "gave_way", "gave_way_names", "failure"))
+    fields |= dict.fromkeys(("C", "C_lower", "C_upper", "C_names", "P", "speed", "E", "E_feedforward", "E_error"))
+    fields |= dict.fromkeys(("velocity", "result", "relaxed", "relaxed_names", "failure"))
     fields |= dict.fromkeys(("pitch", "Z", "Q", "guard"))
     fields["kind"] = coded([kind])
-    fields["scalars"] = np.array([tick.held, tick.missed, tick.damping, tick.exact_rank, sensitivity])
+    fields["scalars"] = np.array([tick.hold_time, tick.last_residual, tick.damping, tick.exact_rank, sensitivity])
     if tick.rows is not None:
         rows = tick.rows
         fields |= {"C": rows.C, "C_lower": rows.lower, "C_upper": rows.upper, "C_names": coded(rows.names)}
         fields |= {"P": rows.P, "speed": np.array([rows.speed])}
     if tick.exact is not None:
-        fields |= dict(zip(("E", "E_ahead", "E_error"), map(np.asarray, tick.exact), strict=True))
+        fields |= dict(zip(("E", "E_feedforward", "E_error"), map(np.asarray, tick.exact), strict=True))
     if isinstance(tick.form, PitchForm):
         fields["pitch"] = np.array([tick.form.h])
     elif isinstance(tick.form, Complement):
@@ -161,9 +171,9 @@ def _packed(recorded: Recorded, words: dict[str, int]) -> dict[str, Array | None
         fields["failure"] = coded([answer])
         return fields
     fields["velocity"] = answer.velocity
-    fields["result"] = np.array([answer.pace, answer.share, answer.missed, answer.guarded])
-    fields["gave_way"] = np.array([amount for _, amount in answer.gave_way])
-    fields["gave_way_names"] = coded(name for name, _ in answer.gave_way)
+    fields["result"] = np.array([answer.approach_scale, answer.scale, answer.residual, answer.form_share])
+    fields["relaxed"] = np.array([amount for _, amount in answer.relaxed])
+    fields["relaxed_names"] = coded(name for name, _ in answer.relaxed)
     return fields
 
 
@@ -178,7 +188,7 @@ def _unpacked(fields: dict[str, Any], words: list[str]) -> Recorded:
         numbers = (fields[name] for name in ("C", "C_lower", "C_upper"))
         rows = Rows(*numbers, decoded("C_names"), fields["P"], float(fields["speed"][0]))
     if fields["E"] is not None:
-        exact = fields["E"], fields["E_ahead"], fields["E_error"]
+        exact = fields["E"], fields["E_feedforward"], fields["E_error"]
     form: Form | None = None
     if fields["pitch"] is not None:
         form = iq.PitchForm(float(fields["pitch"][0]))
@@ -186,7 +196,7 @@ def _unpacked(fields: dict[str, Any], words: list[str]) -> Recorded:
         form = iq.Complement(fields["Z"])
     elif fields["Q"] is not None:
         form = UserForm(fields["Q"])
-    held, missed, damping, exact_rank, sensitivity = fields["scalars"].tolist()
+    hold_time, last_residual, damping, exact_rank, sensitivity = fields["scalars"].tolist()
     guard = None if fields["guard"] is None else float(fields["guard"][0])
     given = {name: fields[name] for name in ARRAYS}
     tick = Tick(
@@ -194,16 +204,15 @@ def _unpacked(fields: dict[str, Any], words: list[str]) -> Recorded:
         rows=rows,
         exact=exact,
         exact_rank=int(exact_rank),
-        held=held,
-        missed=missed,
+        hold_time=hold_time,
+        last_residual=last_residual,
         form=form,
         damping=damping,
         guard=guard,
     )
     if fields["failure"] is not None:
         return Recorded(*decoded("kind"), tick, *decoded("failure"), sensitivity)
-    pace, share, left, guarded = fields["result"].tolist()
-    gave_way = tuple(zip(decoded("gave_way_names"), fields["gave_way"].tolist(), strict=True))
-    return Recorded(
-        *decoded("kind"), tick, Answer(fields["velocity"], pace, share, left, gave_way, guarded), sensitivity
-    )
+    approach_scale, scale, residual, form_share = fields["result"].tolist()
+    relaxed = tuple(zip(decoded("relaxed_names"), fields["relaxed"].tolist(), strict=True))
+    answer = Answer(fields["velocity"], approach_scale, scale, residual, relaxed, form_share)
+    return Recorded(*decoded("kind"), tick, answer, sensitivity)

@@ -12,7 +12,7 @@ INSTALLED = sorted({"daqp", "osqp", *qpsolvers.available_solvers})
 
 
 class Solver:
-    """A back end that does what it is told."""
+    """A back end with a given solution."""
 
     name = "custom"
 
@@ -73,7 +73,7 @@ TROUBLES = {
 
 @pytest.mark.parametrize("rows", [False, True], ids=["box", "rows"])
 @pytest.mark.parametrize("case", TROUBLES)
-def test_a_solver_that_fails_is_named_and_the_joints_are_held(case, rows):
+def test_a_failing_solver_is_named_and_the_status_is_held(case, rows):
     answer, said = TROUBLES[case]
     arguments, options = limited(3, rows=rows)
     solver = Solver(answer)
@@ -102,7 +102,7 @@ def test_no_solver_sees_an_indefinite_matrix_or_large_numbers():
         assert max(qp.lower.max(), -qp.upper.min()) == pytest.approx(1.0)  # how far outside the free optimum is
 
 
-def test_daqp_meets_a_limit_that_hardly_cuts_the_optimum():
+def test_daqp_keeps_a_limit_close_to_the_optimum():
     qp = backends.BoxQP(np.eye(2), np.ones(2), np.zeros(2), np.array([1.0 - 1e-8, 5.0]), None)
     np.testing.assert_allclose(backends.Daqp().solve(qp), [1.0 - 1e-8, 1.0], rtol=0.0, atol=1e-10)
 

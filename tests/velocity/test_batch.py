@@ -45,7 +45,7 @@ def rows(seed, m, *, achievable, slides=False):
     point=st.sampled_from(["own", "shared", "each"]),
 )
 @settings(max_examples=50, deadline=None)
-def test_every_row_is_what_solve_velocity_says(
+def test_every_row_is_that_of_solve_velocity(
     seed, m, form, damping, guard, achievable, limits, posture, metric, slides, point
 ):
     rng, J, s = rows(seed, m, achievable=achievable, slides=slides)
@@ -106,7 +106,7 @@ def test_threads_change_nothing(monkeypatch):
     assert one.status.tolist() == four.status.tolist()
 
 
-def test_a_bound_that_is_all_but_met_is_told_as_one_row_tells_it():
+def test_a_nearly_active_bound_is_reported_as_in_a_single_row():
     _, J, s = rows(5, 4, achievable=False)
     options = {"point": np.zeros(3), "length": 1.0}
     free = iq.solve_velocities(J, s, **options).velocity
@@ -161,14 +161,14 @@ def test_lists_one_twist_for_all_and_no_rows_at_all():
         ({"form": "own"}, "form: found 'own'"),
     ],
 )
-def test_wrong_arguments_are_told_with_their_row(change, said):
+def test_wrong_arguments_are_reported_with_their_row(change, said):
     _, J, s = rows(3, 7, achievable=True)
     with pytest.raises(BadInput, match=said):
         iq.solve_velocities(**({"J": J, "twist": s} | change))
 
 
 @pytest.mark.parametrize("solve", [iq.solve_velocity, iq.solve_velocities])
-def test_an_option_that_there_is_not_is_refused(solve):
+def test_an_unknown_option_is_refused(solve):
     J = np.ones((6, 3)) if solve is not iq.solve_velocities else np.ones((2, 6, 3))
     with pytest.raises(TypeError, match="no option 'postrue'"):
         solve(J, np.ones(6), postrue=np.zeros(3))

@@ -10,7 +10,7 @@ import invariantqp as iq
 @pytest.mark.cases(6)
 @pytest.mark.parametrize("m", [2, 3, 5, 6, 7, 8])
 @pytest.mark.parametrize("form", [None, 0.4])
-def test_a_bound_that_comes_into_play_changes_nothing_at_first(m, form):
+def test_the_velocity_is_continuous_where_a_bound_becomes_active(m, form):
     """Both sides of the free solution agree to 1e-9, and no step of a sweep through it is larger than the bound's."""
     rng = np.random.default_rng(50 + m)
     for _ in range(4):
@@ -46,7 +46,7 @@ def test_the_guards_share_is_continuous():
     assert height(lambda t: at(t).velocity) <= JUMP
 
 
-def test_exact_rows_slow_down_without_a_jump_as_limits_come_in():
+def test_the_scale_of_exact_rows_is_continuous_as_limits_shrink():
     """The share of the speed falls from one as the box shrinks, and so does every joint's velocity."""
     rng = np.random.default_rng(9)
     for _ in range(6):

@@ -63,7 +63,7 @@ NAMED_ARMS = {
 
 @pytest.mark.parametrize("name", NAMED_ARMS)
 @pytest.mark.parametrize("rounded", [0.0, 3e-6], ids=["exact", "written with four digits"])
-def test_what_joints_can_do_is_done_with_every_form_that_there_is(name, rounded):
+def test_achievable_twists_are_achieved_with_every_form(name, rounded):
     """Guarded and not; tilts of a few 1e-6 are what rpy = "3.1416" makes of axes."""
     rng = np.random.default_rng(7)
     axes = [(u + rounded * rng.normal(size=3), p) for u, p in NAMED_ARMS[name]]
@@ -83,7 +83,7 @@ def test_what_joints_can_do_is_done_with_every_form_that_there_is(name, rounded)
             assert solution.status == "ok"
 
 
-def test_a_hinge_asked_for_what_it_cannot_do_rests_and_says_so():
+def test_a_hinge_rests_for_an_unachievable_twist_and_reports_it():
     J = iq.revolute([1, 2, 3], [0.3, 0.1, 0.5])[:, None]
     solution = iq.solve_velocity(J, [0, 0, 0, 0.1, 0.2, 0.3])
     assert abs(solution.velocity[0]) < 1e-12
@@ -93,7 +93,7 @@ def test_a_hinge_asked_for_what_it_cannot_do_rests_and_says_so():
 
 @pytest.mark.parametrize("offset", [1e-3, 1e-6, 1e-9, 0.0])
 @pytest.mark.parametrize("form", [None, 0.3])
-def test_axes_that_nearly_meet_turn_no_faster_than_a_named_point_asks(offset, form):
+def test_nearly_concurrent_axes_do_not_turn_faster_with_a_named_point(offset, form):
     J = np.column_stack(
         [iq.revolute(Z, [0, 0, 0.5]), iq.revolute(Y, [offset, 0, 0.5]), iq.revolute(X, [0, offset, 0.5])]
     )
@@ -101,7 +101,7 @@ def test_axes_that_nearly_meet_turn_no_faster_than_a_named_point_asks(offset, fo
     assert np.abs(solution.velocity).max() < 1.0
 
 
-def test_the_tool_straight_down_loses_nothing():
+def test_the_tool_straight_down_misses_nothing():
     """An SO-101's everyday pose, with transversals next to infinity: pitch forms lose rounding, times their condition.
 
     At infinity there is no pitch form.
@@ -116,7 +116,7 @@ def test_the_tool_straight_down_loses_nothing():
         assert solution.status == "ok"
 
 
-def test_a_slide_counts_the_same_in_metres_and_in_millimetres():
+def test_a_prismatic_joint_counts_the_same_in_metres_and_millimetres():
     """Two hinges, a slide, two hinges: with no metric told, and with one told in each unit."""
     rng = np.random.default_rng(3)
     axes = [(Z, (0, 0, 0)), (Y, (0, 0, 0.3)), None, (X, (0.4, 0, 0.5)), (Y, (0.5, 0, 0.5))]

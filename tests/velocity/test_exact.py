@@ -19,7 +19,7 @@ SHARE_TOLERANCE = 1e-6
 
 @pytest.mark.cases(3)
 @pytest.mark.parametrize("m", [3, 4, 5, 6, 7, 8])
-def test_among_the_velocities_that_meet_the_rows_least_squares_decides(m):
+def test_exact_rows_constrain_the_least_squares_solution(m):
     """In 40 digits, from the optimum's own linear equations."""
     rng = np.random.default_rng(m)
     for k in range(10):
@@ -41,7 +41,7 @@ def test_among_the_velocities_that_meet_the_rows_least_squares_decides(m):
 
 @pytest.mark.cases(2)
 @pytest.mark.parametrize("m", [3, 5, 6, 7, 8])
-def test_inside_limits_they_hold_at_the_largest_share_there_is(m):
+def test_exact_rows_hold_at_the_largest_feasible_scale(m):
     rng = np.random.default_rng(m)
     bound = slowed = 0
     for k in range(60):
@@ -101,7 +101,7 @@ def test_never_held_where_a_velocity_exists(seed, m, kind):
         np.testing.assert_allclose(rows.A @ solution.velocity, solution.scale * rows.b, atol=1e-8)
 
 
-def test_rows_at_rest_beside_a_motion_that_leaves_them_alone_are_not_scaled():
+def test_rows_at_rest_are_not_scaled_by_an_independent_motion():
     """A joint on its way back inside its range, which the others can make up for."""
     rng = np.random.default_rng(5)
     for _ in range(40):
@@ -115,7 +115,7 @@ def test_rows_at_rest_beside_a_motion_that_leaves_them_alone_are_not_scaled():
         assert np.abs(J[3:] @ solution.velocity).max() <= 1e-12 * np.abs(solution.velocity).max()
 
 
-def test_dependent_rows_that_agree_are_as_one():
+def test_consistent_dependent_rows_count_as_one():
     rng = np.random.default_rng(12)
     J, s, _ = regular_problem(rng, 6)
     one = iq.solve_velocity(J, s, exact=iq.ExactRows(J[3:5], s[3:5]))
@@ -167,7 +167,7 @@ def test_where_rest_is_forbidden_the_rows_may_still_be_at_rest():
     assert "beside" not in fast.reason
 
 
-def test_rows_that_limits_move_against_their_demand_are_told():
+def test_rows_that_limits_violate_are_reported():
     """The first joint has to move where a row wants it at rest, while another row slows down."""
     J = np.random.default_rng(14).normal(size=(6, 4))
     rows = iq.ExactRows([[0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]], [4.0, 0.0])
@@ -176,15 +176,12 @@ def test_rows_that_limits_move_against_their_demand_are_told():
         solution = iq.solve_velocity(J, np.zeros(6), exact=rows, bounds=bounds, joint_metric=metric)
         off = solution.velocity[0]
         assert solution.status == "scaled"
-        assert (
-            f"; limits require motion beside the exact rows: exact row 1 is off by {off:.3g}; at the limits"
-            in solution.reason
-        )
+        assert f"; limits violate the exact rows: exact row 1 is off by {off:.3g}; at the limits" in solution.reason
 
 
 @pytest.mark.cases(3)
 @pytest.mark.parametrize("m", [4, 6, 7])
-def test_where_rest_is_forbidden_rows_are_as_near_to_their_direction_as_limits_allow(m):
+def test_where_rest_is_infeasible_rows_are_approximated(m):
     """As of joints that cannot brake at once: in their direction if some velocity is, at the largest share."""
     rng = np.random.default_rng(m)
     kept = missed = beyond = 0
@@ -207,14 +204,14 @@ def test_where_rest_is_forbidden_rows_are_as_near_to_their_direction_as_limits_a
         missed += 1
         slower = solution.scale < 1.0 - ACTIVE_TOLERANCE
         beyond += not slower
-        assert "limits require motion beside the exact rows" in solution.reason
+        assert "limits violate the exact rows" in solution.reason
         assert solution.status == ("scaled" if slower else "limited")
         off = np.linalg.norm(P @ (A @ x - solution.scale * b))
         assert off == pytest.approx(np.sqrt(2.0 * nearest.cost), rel=1e-6, abs=1e-9)
     assert min(kept, missed, beyond) > 2
 
 
-def test_rows_beside_their_direction_have_the_largest_share_of_it():
+def test_approximated_rows_have_the_largest_scale():
     """The first row may not rest; however fast the second is, the first is as far off."""
     J = np.random.default_rng(14).normal(size=(6, 4))
     rows = iq.ExactRows([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]], [0.0, 2.0])
@@ -224,7 +221,7 @@ def test_rows_beside_their_direction_have_the_largest_share_of_it():
     assert solution.scale == pytest.approx(0.5, abs=1e-7)  # what keeps the share unique costs ROUNDING of the way
 
 
-def test_what_keeps_rows_from_moving_less_leaves_one_velocity():
+def test_a_tool_speed_limit_that_determines_the_velocity_of_approximated_rows():
     """Only joint 3 brings the tool's speed, (q0' + q1', q2' + q3'), to where it lets the row move least."""
     J = np.zeros((6, 4))
     J[3, :2] = J[4, 2:] = 1.0
@@ -252,7 +249,7 @@ def test_with_open_sides_too():
 
 
 @pytest.mark.parametrize("inside", [True, False])
-def test_rows_that_leave_nothing_free(inside):
+def test_exact_rows_that_determine_all_joints(inside):
     rng = np.random.default_rng(16)
     J, s, h = regular_problem(rng, 3)
     wanted = np.array([0.5, -0.2, 0.1])
@@ -290,7 +287,7 @@ def test_rows_whose_coefficients_are_rounding_are_no_limits():
         assert solution.scale == 1.0
 
 
-def test_what_is_written_twice_or_in_other_units_weighs_the_same():
+def test_repeated_rows_and_other_units_change_nothing():
     """Rows that say what they are of the twist: their scaling and their basis are nobody's business."""
     rng = np.random.default_rng(18)
     for _ in range(20):
@@ -305,7 +302,7 @@ def test_what_is_written_twice_or_in_other_units_weighs_the_same():
         np.testing.assert_allclose(other.velocity, one.velocity, atol=1e-9)
 
 
-def test_what_damping_misses_beside_the_rows_is_told():
+def test_what_damping_misses_of_the_twist_is_reported():
     rng = np.random.default_rng(0)
     J = rng.normal(size=(6, 7))
     for s in (np.zeros(6), np.ones(6)):

@@ -48,7 +48,7 @@ def test_towards_a_principal_pitch_it_grows_without_bound_unless_damped():
     np.testing.assert_allclose(path, expected, atol=1e-10)
 
 
-def test_a_twist_that_the_joints_can_do_is_no_forms_business():
+def test_no_form_changes_an_achievable_twist():
     rng = np.random.default_rng(8)
     for J, pitches in ((PLANAR, ()), (rng.normal(size=(6, 4)), (0.3, -2.0))):
         s = J @ rng.normal(size=J.shape[1])
@@ -88,7 +88,7 @@ def test_planar_arm_and_scara_work_with_what_they_give_up():
             iq.principal_pitches(J)
 
 
-def test_under_limits_a_form_misses_what_it_attempts_by_the_least_in_its_own_size():
+def test_under_limits_a_form_is_approximated_in_its_own_metric():
     rng = np.random.default_rng(2)
     for _ in range(20):
         J, s, h = regular_problem(rng, 4)
@@ -119,7 +119,7 @@ def test_a_complement_that_nearly_holds_a_motion_of_the_arm_is_kept_inside_the_b
         assert np.abs(solution.velocity).max() <= 1.0
 
 
-def test_a_complement_does_not_read_its_own_basis():
+def test_a_complement_does_not_depend_on_its_basis():
     rng = np.random.default_rng(3)
     for m in (2, 3, 5):
         J, Z, s = rng.normal(size=(6, m)), rng.normal(size=(6, 6 - m)), rng.normal(size=6)
@@ -142,7 +142,7 @@ def test_a_carried_metric_is_weighted_least_squares_at_its_body(m):
         np.testing.assert_allclose(solution.velocity, expected, atol=1e-14 * np.linalg.cond(A) ** 2 * size)
 
 
-def test_a_carried_metric_on_the_tool_says_what_the_point_and_the_length_would():
+def test_a_carried_metric_on_the_tool_equals_point_and_length():
     rng = np.random.default_rng(6)
     p, length = rng.normal(size=3), 0.4
     metric = iq.CarriedMetric(np.repeat((length**2, 1.0), 3), iq.transform(translation=p))
@@ -156,7 +156,7 @@ def test_a_carried_metric_on_the_tool_says_what_the_point_and_the_length_would()
     np.testing.assert_allclose(follower.root(np.eye(4)), np.eye(6))
 
 
-def test_a_form_of_yours_will_do():
+def test_a_user_form_is_accepted():
     class Height:
         """Only what moves along z is kept."""
 
@@ -174,7 +174,7 @@ def test_a_form_of_yours_will_do():
     assert moved[5] == pytest.approx(-0.2)  # v_z of the frame's own origin, which is what it reads
 
 
-def test_forms_say_what_they_are():
+def test_forms_describe_themselves():
     assert iq.PitchForm(0.25).describe() == "pitch form h = 0.25"
     assert "the tool" in iq.CarriedMetric(np.eye(6)).describe()
     assert "the given pose" in iq.CarriedMetric(np.eye(6), np.eye(4)).describe()

@@ -62,7 +62,7 @@ def test_a_guarded_form_keeps_its_share_of_the_decrease(seed, kind, m, eta):
 
 
 @pytest.mark.parametrize("guard", [True, False])
-def test_least_squares_never_lets_the_error_grow_whatever_limits_hold(guard):
+def test_least_squares_never_increases_the_error_under_limits(guard):
     rng = np.random.default_rng(0)
     for k in range(200):
         m = 1 + k % 10
@@ -74,7 +74,7 @@ def test_least_squares_never_lets_the_error_grow_whatever_limits_hold(guard):
         assert decrease(root @ J, root @ s, x) >= -1e-12 * (root @ s) @ (root @ s)
 
 
-def test_without_it_a_form_can_go_uphill():
+def test_without_a_guard_a_form_can_increase_the_error():
     """Of a twist that is mostly beyond the joints a projection attempts more than there is to gain."""
     rng = np.random.default_rng(0)
     uphill = 0
@@ -87,7 +87,7 @@ def test_without_it_a_form_can_go_uphill():
     assert uphill > 5
 
 
-def test_it_keeps_exact_rows():
+def test_a_guard_keeps_exact_rows():
     rng = np.random.default_rng(7)
     acted = 0
     for _ in range(60):

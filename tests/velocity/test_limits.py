@@ -19,7 +19,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_bounds_that_are_none(case):
+def test_wrong_bounds_are_refused(case):
     arguments, argument, found = BAD[case]
     with pytest.raises(iq.BadInput) as caught:
         iq.Bounds(*arguments)
@@ -28,7 +28,7 @@ def test_bounds_that_are_none(case):
     assert caught.value.expected
 
 
-def test_a_point_and_an_open_box_are_boxes():
+def test_equal_and_infinite_bounds_are_accepted():
     assert iq.Bounds([0.0, -INF], [0.0, INF]).lower.tolist() == [0.0, -INF]
 
 
@@ -40,7 +40,7 @@ def test_a_point_and_an_open_box_are_boxes():
     st.sampled_from([10.0, 100.0, 1000.0]),
     st.floats(-4, 4),
 )
-def test_the_box_is_what_its_formula_says_and_leads_back(low, high, speed, rate, q):
+def test_the_joint_box_is_its_formula_and_leads_back(low, high, speed, rate, q):
     box = JointBox(np.array([low]), np.array([high]), np.array([speed]), rate)
     (lower,), (upper,) = box.at(np.array([q]))
     assert lower == pytest.approx(np.clip(rate * (low - q), -speed, speed), rel=1e-12, abs=1e-9)
@@ -56,7 +56,7 @@ def test_the_box_is_what_its_formula_says_and_leads_back(low, high, speed, rate,
         assert slowest == pytest.approx(min(speed, rate * outside), rel=1e-9, abs=1e-9)
 
 
-def test_without_limits_there_is_no_box():
+def test_without_limits_the_box_is_infinite():
     box = JointBox(np.array([-INF]), np.array([INF]), np.array([INF]), 100.0)
     assert box.at(np.array([1e6])) == (-INF, INF)
 
@@ -81,7 +81,7 @@ def distance(x, a, dt, rate):
 @given(
     st.floats(0.0, 3.0), st.floats(0.05, 50.0), st.sampled_from([1e-3, 1e-2, 0.1]), st.sampled_from([None, 1.0, 0.1])
 )
-def test_braking_speed_is_the_largest_that_stops_in_the_room(room, a, dt, share):
+def test_braking_speed_is_the_largest_that_stops_in_the_distance(room, a, dt, share):
     (x,) = braking_speed(np.array([room]), np.array([a]), dt, None if share is None else share / dt)
     assert distance(x, a, dt, (share or 1.0) / dt) == pytest.approx(room, rel=1e-9, abs=1e-12)
 
@@ -118,7 +118,7 @@ def braking_box(rng, m, dt, share=1.0):
 @pytest.mark.cases(3)
 @pytest.mark.parametrize("share", [1.0, 0.1])
 @pytest.mark.parametrize("dt", [1e-3, 1e-2, 0.1])
-def test_from_rest_all_three_limits_hold_for_ever(dt, share):
+def test_from_rest_all_three_limits_hold(dt, share):
     """Four hundred joints pushed to the edges of their boxes, 200 ticks."""
     rng = np.random.default_rng(0)
     limits = braking_box(rng, 400, dt, share)
@@ -140,7 +140,7 @@ def test_from_rest_all_three_limits_hold_for_ever(dt, share):
 
 @pytest.mark.cases(1)
 @pytest.mark.parametrize("dt", [1e-3, 1e-2, 0.1])
-def test_started_too_fast_acceleration_gives_way_and_is_told(dt):
+def test_started_too_fast_the_acceleration_limit_is_exceeded_and_reported(dt):
     rng = np.random.default_rng(1)
     limits = braking_box(rng, 400, dt)
     box = limits.box
@@ -171,7 +171,7 @@ def test_the_deceleration_of_late_braking_is_constant_and_the_least_that_stops()
     assert used[0] == pytest.approx(4.0**2 / 0.2, rel=0.03)
 
 
-def test_outside_a_limit_the_way_back_stops_at_it_and_is_as_smooth_as_acceleration_asks():
+def test_outside_a_limit_the_return_stops_at_it_within_the_acceleration():
     limits = Braking([-1.0], [1.0], [2.0], 100.0, [5.0], 0.01)
     q, x, seen = np.array([2.5]), np.zeros(1), [0.0]
     for _ in range(200):
@@ -187,21 +187,21 @@ def test_outside_a_limit_the_way_back_stops_at_it_and_is_as_smooth_as_accelerati
     assert out == 0.0
 
 
-def test_faster_than_the_velocity_limit_is_the_velocity_limit():
+def test_joints_above_the_velocity_limit_are_bounded_by_it():
     limits = Braking([-9.0, -9.0], [9.0, 9.0], [1.0, 1.0], 100.0, [1.0, 1.0], 0.01)
     lower, upper, *_, exceeded = limits.at(np.zeros(2), np.array([3.0, 0.0]))
     assert (lower[0], upper[0]) == (1.0, 1.0)
     assert (exceeded > 0.0).tolist() == [True, False]
 
 
-def test_no_acceleration_limit_at_a_joint_is_the_box_there():
+def test_a_joint_without_acceleration_limit_has_the_joint_box():
     limits = Braking([-1.0, -INF], [1.0, INF], [3.0, INF], 10.0, [INF, INF], 0.01)
     for q in ([0.0, 0.0], [0.99, 5.0], [1.01, -1e9], [-3.0, 0.0]):
         lower, upper, *_ = limits.at(np.array(q), np.array([2.0, -1.0]))
         np.testing.assert_allclose((lower, upper), limits.box.at(np.array(q)), rtol=1e-12, atol=1e-9)
 
 
-def test_the_memory_of_a_loop_is_its_own():
+def test_loops_do_not_share_memory():
     robot = iq.load_robot("panda")
     loop, q = iq.Controller(robot, dt=0.002), np.array([0.0, -0.1, 0.0, -1.57, 0.0, 1.8, 0.8])
     solution = loop.step(q, robot.pose(q))
@@ -210,7 +210,7 @@ def test_the_memory_of_a_loop_is_its_own():
 
 
 @pytest.mark.parametrize("speed", [1.0, 1e-4, 1e-7])
-def test_a_slow_joint_is_at_a_bound_where_a_fast_one_is(speed):
+def test_active_bounds_do_not_depend_on_the_speed(speed):
     rng = np.random.default_rng(9)
     options = {"point": np.zeros(3), "length": 1.0}
     counts = set()

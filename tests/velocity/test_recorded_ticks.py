@@ -23,7 +23,7 @@ def test_the_definition_gives_the_recorded_answers(ticks):
         again = recorded_ticks.solve(tick)
         assert recorded_ticks.apart(tick, answer, again) <= max(AGREE, SENSITIVE * sensitivity), kind
         if isinstance(answer, Answer) and isinstance(again, Answer):
-            assert [name for name, _ in again.gave_way] == [name for name, _ in answer.gave_way], kind
+            assert [name for name, _ in again.relaxed] == [name for name, _ in answer.relaxed], kind
 
 
 def test_every_kind_is_recorded(ticks):

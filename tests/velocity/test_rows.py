@@ -6,11 +6,11 @@ from support.velocity_reference import regular_problem, root_of, tight_box
 
 import invariantqp as iq
 from invariantqp.geometry.se3 import velocity_at
-from invariantqp.velocity.definition import NULL, ROUNDING
+from invariantqp.velocity.definition import NULL_WEIGHT, ROUNDING
 from invariantqp.velocity.solution import ACTIVE_TOLERANCE
 
 
-def test_sides_that_have_changed_places_are_refused():
+def test_crossed_limits_are_refused():
     with pytest.raises(iq.BadInput, match=r"lower: found lower 1 above upper 0\.5 at row 1"):
         iq.limits.LimitRows(np.eye(2), [0.0, 1.0], [1.0, 0.5])
 
@@ -41,7 +41,7 @@ def objective(J, s, damping=0.0, metric=None, posture=None):
     A, M = root_of(POINT, LENGTH) @ J, np.eye(J.shape[1]) if metric is None else metric
     T = np.linalg.inv(np.linalg.cholesky(M)).T
     N = np.linalg.svd(A @ T)[2][6:] @ np.linalg.inv(T)
-    pull = NULL * np.linalg.norm(A @ T) ** 2 * N.T @ N
+    pull = NULL_WEIGHT * np.linalg.norm(A @ T) ** 2 * N.T @ N
     wanted = np.zeros(len(M)) if posture is None else posture
     return A.T @ A + damping**2 * M + pull, A.T @ root_of(POINT, LENGTH) @ s + pull @ wanted
 
@@ -89,7 +89,7 @@ def test_multipliers_balance_the_objective(metric, rows):
     assert bound >= 4
 
 
-def test_a_price_is_what_loosening_the_limit_gains():
+def test_a_multiplier_is_the_gain_of_loosening_the_limit():
     rng = np.random.default_rng(6)
     J, s, _, bounds, rows = limited(rng, 5)
     solution = iq.solve_velocity(J, s, bounds=bounds, rows=rows, **AT)
@@ -107,7 +107,7 @@ def test_a_price_is_what_loosening_the_limit_gains():
     assert gain == pytest.approx(abs(solution.multipliers[i]), rel=1e-3)
 
 
-def test_where_no_limit_is_met_rows_change_nothing_and_have_no_price():
+def test_inactive_rows_change_nothing_and_have_no_multiplier():
     rng = np.random.default_rng(7)
     J, s, h = regular_problem(rng, 6)
     far = iq.limits.LimitRows(rng.normal(size=(2, 6)), [-1e3, -np.inf], [1e3, np.inf])
@@ -120,13 +120,13 @@ def test_where_no_limit_is_met_rows_change_nothing_and_have_no_price():
     assert near.reason.endswith(("at the limits of rows 0, 1", "at the limits of rows 1, 0"))
 
 
-def test_the_joint_in_the_way_and_the_row_that_gives_way_are_named():
+def test_the_conflicting_joint_and_the_relaxed_row_are_named():
     J, s, h = regular_problem(np.random.default_rng(20), 4)
     bounds = iq.Bounds([-1.0] * 4, [1.0, 1.0, 0.5, 1.0])
     rows = iq.limits.LimitRows([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 2.0, 0.0]], [-0.2, 1.5], [0.2, 9.0])
     solution = iq.solve_velocity(J, s, form=h, bounds=bounds, rows=rows)
     assert solution.status == "degraded"
-    assert "rows contradict the bounds of joint 2: exceeded at row 1 by 0.5" in solution.reason
+    assert "limit rows conflict with the bounds of joint 2: exceeded at row 1 by 0.5" in solution.reason
     assert solution.velocity[2] == pytest.approx(0.5, abs=1e-6)
     assert abs(solution.velocity[0]) <= 0.2 + 1e-9  # a row that is in nobody's way does not give way
 
@@ -135,7 +135,7 @@ def scaled_rows(rows, scale):
     return iq.limits.LimitRows(scale[:, None] * rows.C, scale * rows.lower, scale * rows.upper)
 
 
-def test_the_scale_of_a_row_decides_nothing():
+def test_the_scaling_of_a_row_changes_nothing():
     """Neither whether rows that some velocity satisfies are kept, nor which give way, nor by how much."""
     rng, contrary, kept = np.random.default_rng(25), 0, 0
     for k in range(60):
@@ -153,15 +153,15 @@ def test_the_scale_of_a_row_decides_nothing():
         np.testing.assert_allclose(other.velocity, one.velocity, rtol=0.0, atol=1e-8 * size)
         if k % 2 == 0:
             kept += 1
-            assert "contradict" not in one.reason
+            assert "conflict" not in one.reason
             assert (np.abs(rows.excess(one.velocity)) <= 1e-9 * size).all()
-        contrary += "contradict" in one.reason
+        contrary += "conflict" in one.reason
     assert kept > 20
     assert contrary > 10
 
 
 @pytest.mark.parametrize("needed", [2.5, 5.0], ids=["possible", "too much"])
-def test_the_unit_of_length_decides_nothing(needed):
+def test_the_unit_of_length_changes_nothing(needed):
     """A turn and a slide that are to make a sum of speeds, in metres and in millimetres."""
     answers = []
     for unit in (1.0, 1e3):
@@ -175,21 +175,21 @@ def test_the_unit_of_length_decides_nothing(needed):
         answers.append((solution, solution.velocity / [1.0, unit, 1.0]))
     (one, x), (other, y) = answers
     assert (one.status, one.reason) == (other.status, other.reason)
-    assert ("contradict" in one.reason) == (needed > 4.0)
+    assert ("conflict" in one.reason) == (needed > 4.0)
     np.testing.assert_allclose(y, x, rtol=1e-9, atol=1e-9)
 
 
-def test_rows_that_contradict_each_other():
+def test_rows_that_conflict_with_each_other():
     J, s, h = regular_problem(np.random.default_rng(21), 4)
     rows = iq.limits.LimitRows([[1.0, 1.0, 0.0, 0.0], [1.0, 1.0, 0.0, 0.0]], [1.0, -np.inf], [np.inf, 0.0])
     solution = iq.solve_velocity(J, s, form=h, rows=rows)
-    assert "rows contradict each other: exceeded at row 0 by 0.5, row 1 by 0.5" in solution.reason
+    assert "limit rows conflict with each other: exceeded at row 0 by 0.5, row 1 by 0.5" in solution.reason
     widened = 0.5 * ROUNDING**0.5  # of what gives way
     assert solution.velocity[:2].sum() == pytest.approx(0.5, abs=widened)
 
 
 @pytest.mark.parametrize("side", [0.0, 5e-18, 1e-12, -1e-12])
-def test_a_row_whose_only_side_is_all_but_zero_is_a_limit_like_any_other(side):
+def test_a_row_with_a_nearly_zero_limit_is_kept(side):
     """A bound of no size says nothing of how fast the joints are, and must not scale the problem."""
     rng = np.random.default_rng(24)
     for _ in range(20):
@@ -203,13 +203,13 @@ def test_a_row_whose_only_side_is_all_but_zero_is_a_limit_like_any_other(side):
             for u in (np.where(upper == side, 0.0, upper), upper)
         )
         assert (near.status, at_zero.status) == ("limited", "limited"), near.reason
-        assert "contradict" not in near.reason
+        assert "conflict" not in near.reason
         # All of a velocity is shortened by what rounding is over a row, relative to it: ACTIVE_TOLERANCE at most.
         np.testing.assert_allclose(near.velocity, at_zero.velocity, rtol=ACTIVE_TOLERANCE, atol=1e-9)
         assert (C @ near.velocity <= upper + 1e-12).all()
 
 
-def test_a_row_beside_a_joint_that_has_to_move_holds_to_rounding():
+def test_a_row_holds_to_rounding_while_a_joint_has_to_move():
     """Shortened by the rounding of a small difference, and that joint back in its range, the row would be exceeded."""
     rng = np.random.default_rng(26)
     for _ in range(30):
@@ -220,7 +220,7 @@ def test_a_row_beside_a_joint_that_has_to_move_holds_to_rounding():
         assert np.abs(C @ x) <= 0.01 + 1e-14 * np.linalg.norm(C) * np.linalg.norm(x)
 
 
-def test_what_slows_exact_rows_down_is_named():
+def test_limits_that_scale_exact_rows_are_named():
     J, s, h = regular_problem(np.random.default_rng(22), 5)
     bounds = iq.Bounds([-9.0] * 5, [9.0, 9.0, 0.25, 9.0, 9.0])
     exact = iq.ExactRows([[0.0, 0.0, 1.0, 0.0, 0.0]], [1.0])
@@ -234,7 +234,7 @@ def test_what_slows_exact_rows_down_is_named():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_guard_rows_exact_rows_tool_speed_and_box_together_stay_inside(seed):
+def test_all_kinds_of_limits_together_are_kept(seed):
     rng = np.random.default_rng(100 + seed)
     seen = set()
     for k in range(60):

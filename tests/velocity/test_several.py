@@ -35,7 +35,7 @@ def test_one_task_is_the_velocity_law(rng, m):
         assert np.allclose(among.velocity, alone.velocity, rtol=1e-7, atol=1e-9)
 
 
-def test_a_joint_task_alone_is_met():
+def test_a_single_joint_task_is_achieved():
     wanted = np.array([0.1, -0.2, 0.3])
     assert np.allclose(iq.velocity.solve_tasks([iq.velocity.JointTask(wanted)]).velocity, wanted)
 
@@ -55,7 +55,7 @@ def test_the_weighted_sum_is_the_optimum_of_the_sum(rng):
     assert np.allclose(x, found, atol=1e-6)
 
 
-def test_a_lower_level_moves_only_what_the_higher_leaves_free(rng):
+def test_a_lower_level_moves_in_the_null_space_of_the_higher(rng):
     J, s, rest = arm(rng, 8), 0.3 * rng.normal(size=6), rng.normal(size=8)
     first = iq.velocity.TwistTask(J, s, form=0.5, priority=0)
     second = iq.velocity.JointTask(rest, priority=1)
@@ -94,7 +94,7 @@ def test_a_change_of_frame_changes_nothing(rng):
     assert np.allclose(solved(np.eye(6)), solved(Ad), rtol=0.0, atol=1e-10)
 
 
-def test_exact_rows_come_before_every_level(rng):
+def test_exact_rows_have_priority_over_every_level(rng):
     J, s = arm(rng, 7), rng.normal(size=6)
     rows = iq.ExactRows(rng.normal(size=(2, 7)), 0.1 * rng.normal(size=2))
     x = iq.velocity.solve_tasks(
@@ -133,7 +133,7 @@ def test_bad_tasks_are_refused(rng):
         iq.ExactRows.axis(J, np.zeros(3), np.zeros(3))
 
 
-def test_many_levels_with_rows_and_exact_rows_at_the_limits_always_answer(rng):
+def test_many_levels_at_the_limits_always_have_a_solution(rng):
     """Each level starts from what the one before it left, which is inside; none is disturbed by those below it."""
     for _ in range(40):
         m = int(rng.integers(3, 9))
@@ -166,7 +166,7 @@ def test_rows_hold_to_the_last_digits_as_in_a_tick(rng):
         assert np.abs(np.asarray(rows.C) @ x).max() <= 0.3 * (1.0 + 5e-14)
 
 
-def test_exact_rows_that_cannot_be_kept_are_told(rng):
+def test_inconsistent_exact_rows_are_reported(rng):
     J = arm(rng, 5)
     task = iq.velocity.TwistTask(J, rng.normal(size=6))
     rows = iq.ExactRows(np.vstack((J[3], J[3])), [1.0, 2.0])

@@ -12,7 +12,7 @@ from invariantqp.velocity.solution import VelocitySolution
 
 
 @pytest.mark.parametrize("status", iq.Status)
-def test_a_status_is_its_own_word(status):
+def test_a_status_is_its_string(status):
     word = status.value
     assert status == word
     assert {word: 1}[status] == 1
@@ -22,7 +22,7 @@ def test_a_status_is_its_own_word(status):
     assert np.array([status]).tolist() == [word]
 
 
-def test_answers_have_members():
+def test_solutions_pickle_and_have_status_members():
     robot = iq.load_robot("ur5e")
     q = np.full(6, 0.4)
     J, s = robot.jacobian(q), np.ones(6)

@@ -8,7 +8,7 @@ import pytest
 from support.velocity_reference import damped_velocity, reach_of, regular_problem, root_of
 
 import invariantqp as iq
-from invariantqp.velocity.definition import NULL
+from invariantqp.velocity.definition import NULL_WEIGHT
 
 FEW = iq.robots.Chain(
     np.column_stack(
@@ -26,7 +26,7 @@ FEW = iq.robots.Chain(
 )
 @pytest.mark.parametrize("backend", [None, "daqp"])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_an_arm_that_does_a_part_of_a_twist_says_how_much(robot, q, share, backend, sign):
+def test_an_arm_with_few_joints_reports_the_achievable_share(robot, q, share, backend, sign):
     """30 mm/s along y for a second, as in OpenMANIPULATOR-X and SO-101; the advice is followed, too."""
     twist = [0.0, 0.0, 0.0, 0.0, sign * 0.03, 0.0]
     for exact, done in ((None, share / 100.0), ("position", 1.0)):
@@ -49,7 +49,7 @@ def test_an_arm_that_does_a_part_of_a_twist_says_how_much(robot, q, share, backe
 
 @pytest.mark.cases(4)
 @pytest.mark.parametrize("m", range(1, 9))
-def test_what_the_joints_cannot_do_is_missed_by_least_squares_at_the_point(m):
+def test_unachievable_twists_are_missed_by_least_squares_at_the_point(m):
     rng = np.random.default_rng(m)
     for k in range(20):
         J, s, _ = regular_problem(rng, m)
@@ -81,7 +81,7 @@ def test_what_the_joints_cannot_do_is_missed_by_least_squares_at_the_point(m):
 @pytest.mark.cases(6)
 @pytest.mark.parametrize("damping", [None, 0.02])
 @pytest.mark.parametrize("m", [2, 3, 5, 6, 7, 8])
-def test_near_a_singularity_every_digit_of_the_velocity(m, damping):
+def test_near_a_singularity_the_velocity_is_exact_to_rounding(m, damping):
     """The filter from its formula in 40 digits; a direction below 1e-9 of the strongest moves nothing."""
     rng, p = np.random.default_rng(20 + m), np.ones(3)
     root, weight = root_of(p, 1.0), (damping or 0.0) ** 2
@@ -93,9 +93,9 @@ def test_near_a_singularity_every_digit_of_the_velocity(m, damping):
         posture = rng.normal(size=m) if damping is None and rng.random() < 0.5 else None
         bounds = (np.full(m, -1e9), np.full(m, 1e9)) if rng.random() < 0.5 else None
         solution = iq.solve_velocity(J, s, point=p, length=1.0, posture=posture, bounds=bounds, damping=damping)
-        expected = damped_velocity(root @ J, root @ s, posture, lambda *_: weight)
+        expected = damped_velocity(root @ J, root @ s, posture, weight)
         # Rounding of J, relative to the weakest direction that counts; below, the null space's weight holds it.
-        rounding = 3e-13 / max(weakest, damping or 0.0) if weakest > 1e-9 else 5e-13 + weakest / NULL
+        rounding = 3e-13 / max(weakest, damping or 0.0) if weakest > 1e-9 else 5e-13 + weakest / NULL_WEIGHT
         size = np.linalg.norm(root @ s) + np.abs(expected).max()
         np.testing.assert_allclose(solution.velocity, expected, rtol=0.0, atol=rounding * size)
         assert (solution.method, solution.damping) == (("damped", damping) if damping else ("closed-form", 0.0))
@@ -122,7 +122,7 @@ def test_the_closed_loop_gains_are_in_zero_to_one(m, damping):
     np.testing.assert_allclose(gains, np.sort(expected), atol=1e-12)
 
 
-def test_the_reach_is_the_default_length_and_the_tool_has_to_be_named():
+def test_the_reach_is_the_default_length():
     rng = np.random.default_rng(4)
     for m in range(2, 6):
         J = np.column_stack([iq.revolute(rng.normal(size=3), rng.normal(size=3)) for _ in range(m)])
@@ -139,7 +139,7 @@ def test_the_reach_is_the_default_length_and_the_tool_has_to_be_named():
         )
 
 
-def test_where_no_axis_is_away_from_the_point_the_twist_says_the_length():
+def test_where_all_axes_meet_the_point_the_twist_determines_the_length():
     """A gantry and a wrist have no length: any will do for them alone, and none may come from the units."""
     gantry = np.column_stack([iq.se3.prismatic(u) for u in np.eye(3)])
     wrist = np.column_stack([iq.revolute(u) for u in np.eye(3)])
@@ -151,7 +151,7 @@ def test_where_no_axis_is_away_from_the_point_the_twist_says_the_length():
         assert ("exact=" in solution.reason) == (J is gantry)  # a wrist moves no point
 
 
-def test_a_slide_beside_hinges_counts_as_a_radian_for_each_length_of_the_arm():
+def test_a_length_of_a_prismatic_joint_counts_as_a_radian():
     rng = np.random.default_rng(5)
     J = np.column_stack(
         [*(iq.revolute(rng.normal(size=3), rng.normal(size=3)) for _ in range(6)), iq.se3.prismatic((1, 2, 3))]
@@ -165,7 +165,7 @@ def test_a_slide_beside_hinges_counts_as_a_radian_for_each_length_of_the_arm():
     np.testing.assert_allclose(J @ mixed, s, atol=1e-12)
 
 
-def test_bounds_are_never_left():
+def test_bounds_are_kept():
     rng = np.random.default_rng(70)
     for k in range(300):
         m = 1 + k % 8
@@ -199,7 +199,7 @@ def test_a_joint_held_in_place_and_all_joints_held():
 
 
 @pytest.mark.parametrize("m", [7, 8])
-def test_posture_takes_the_null_space_and_nothing_else(m):
+def test_a_posture_moves_the_null_space_alone(m):
     """The velocity nearest the posture (in M) among those that meet the twist."""
     rng = np.random.default_rng(m)
     for k in range(20):
@@ -215,7 +215,7 @@ def test_posture_takes_the_null_space_and_nothing_else(m):
         np.testing.assert_allclose(iq.solve_velocity(J, s, **options).velocity, right @ s, atol=1e-10)
 
 
-def test_posture_gives_way_to_limits_before_the_task_does():
+def test_limits_affect_the_posture_before_the_task():
     rng = np.random.default_rng(2)
     for _ in range(30):
         J, s, _ = regular_problem(rng, 7)
@@ -229,9 +229,9 @@ def test_posture_gives_way_to_limits_before_the_task_does():
             J, s, bounds=(lower, upper), posture=np.sign(null[i]) * null, point=np.zeros(3), length=1.0
         )
         assert i in solution.active
-        # The limit takes d of joint i along H^-1 e_i, H = J'J + NULL |J|^2 n n': at most this much from the task.
+        # The limit takes d of joint i along H^-1 e_i, H = J'J + w n n': at most this much from the task.
         d, sigma = abs(null[i]) - 0.02, np.linalg.svd(J, compute_uv=False)
-        assert np.linalg.norm(solution.residual) < d * NULL * np.vdot(J, J) / (sigma[-1] * null[i] ** 2)
+        assert np.linalg.norm(solution.residual) < d * NULL_WEIGHT * np.vdot(J, J) / (sigma[-1] * null[i] ** 2)
 
 
 def test_a_zero_twist_and_a_zero_jacobian():
@@ -275,7 +275,7 @@ VALUES = [
 
 
 @pytest.mark.parametrize("value", VALUES, ids=lambda v: type(v).__name__)
-def test_what_is_given_to_the_law_is_a_value_that_nobody_can_change(value):
+def test_arguments_of_the_law_are_immutable_values(value):
     twin = pickle.loads(pickle.dumps(value))
     assert twin == value
     assert hash(twin) == hash(value)
@@ -332,13 +332,13 @@ def test_bad_input(case):
     assert caught.value.expected
 
 
-def test_lists_will_do():
+def test_lists_are_accepted():
     listed = iq.solve_velocity(J6.tolist(), ONE.tolist(), form=0.3, bounds=([-1] * 6, [1] * 6))
     given = iq.solve_velocity(J6, ONE, form=iq.PitchForm(0.3), bounds=iq.Bounds(-ONE, ONE))
     assert listed == given
 
 
-def test_a_twist_beyond_any_speed_is_refused_before_its_rounding_decides():
+def test_a_twist_of_absurd_size_is_refused():
     """At the largest size there is, the limits are those of any large twist; above, no answer is given."""
     J, s, bounds = np.random.default_rng(5).normal(size=(6, 7)), np.arange(-2.0, 4.0) / 3.0, ([-1.0] * 7, [1.0] * 7)
     first, last = (iq.solve_velocity(J, size * s, bounds=bounds).velocity for size in (1e9, 1e12))
@@ -350,7 +350,7 @@ def test_a_twist_beyond_any_speed_is_refused_before_its_rounding_decides():
 
 
 @pytest.mark.parametrize("size", [1e-200, 1e-40, 1e40, 1e200])
-def test_joint_twists_and_lengths_of_sizes_whose_powers_are_no_numbers_are_refused(size):
+def test_joint_twists_and_lengths_that_overflow_are_refused(size):
     for function in (iq.solve_velocity, iq.solve_velocities, iq.velocity.TwistTask):
         stack = J6[None] if function is iq.solve_velocities else J6
         with pytest.raises(
@@ -367,7 +367,7 @@ def test_joint_twists_and_lengths_of_sizes_whose_powers_are_no_numbers_are_refus
 
 
 @pytest.mark.parametrize("size", [1e-320, 1e-200, 1e-100, 1e-30, 1e30, 1e100, 1e200, 1e300])
-def test_a_tick_that_cannot_be_computed_is_held_and_never_a_warning_nor_another_exception(size):
+def test_a_tick_that_overflows_is_held_without_warning_or_exception(size):
     ones, bounds = np.ones(6), iq.Bounds(-ONE, ONE)
     options = (
         {"posture": size * ones},

@@ -22,7 +22,7 @@ def problem(rng, m, low=0.3, high=0.9):
     return J, s, bounds, p, rng.uniform(low, high) * np.linalg.norm(point_jacobian(J, p) @ x)
 
 
-def test_the_optimum_meets_its_own_equations():
+def test_the_optimum_satisfies_its_kkt_conditions():
     """H x - c + y + t J_p'v = 0 with t >= 0 for the cone and y the reported multipliers."""
     rng = np.random.default_rng(1)
     for k in range(30):
@@ -41,7 +41,7 @@ def test_the_optimum_meets_its_own_equations():
         np.testing.assert_allclose(x[y != 0.0], np.where(y > 0.0, bounds.upper, bounds.lower)[y != 0.0], rtol=1e-12)
 
 
-def test_a_slow_tool_is_left_alone():
+def test_an_inactive_tool_speed_limit_changes_nothing():
     J, s, h = regular_problem(np.random.default_rng(3), 6)
     free = iq.solve_velocity(J, s, form=h)
     limited = iq.solve_velocity(J, s, form=h, tool_speed=iq.limits.ToolSpeed(1e3, (0.0, 0.0, 0.0)))
@@ -52,7 +52,7 @@ def test_a_slow_tool_is_left_alone():
     assert slow.reason.endswith("at the limits of the tool's speed")
 
 
-def test_exact_rows_are_slowed_to_the_limit_and_told_by_whom():
+def test_exact_rows_are_scaled_to_the_tool_speed_limit_which_is_named():
     rng = np.random.default_rng(4)
     J, s, h = regular_problem(rng, 6)
     p = rng.normal(size=3)
@@ -66,7 +66,7 @@ def test_exact_rows_are_slowed_to_the_limit_and_told_by_whom():
     assert np.linalg.norm(Jp @ solution.velocity) <= 0.25 + 1e-9
 
 
-def test_where_limits_leave_the_point_hardly_any_slower_than_its_limit():
+def test_a_tool_speed_limit_close_to_the_least_feasible_speed():
     """Identical joints and a demand on an axis slowed down to where the tool's speed is just the limit's."""
     rng = np.random.default_rng(7)
     for _ in range(40):
@@ -92,7 +92,7 @@ def test_where_limits_leave_the_point_hardly_any_slower_than_its_limit():
         np.testing.assert_allclose(rows.A @ x, solution.scale * rows.b, atol=1e-7)
 
 
-def test_exact_rows_that_leave_nothing_free_are_slowed_too():
+def test_exact_rows_that_determine_all_joints_are_scaled_too():
     rng = np.random.default_rng(8)
     J, s, h = regular_problem(rng, 3)
     p, x = rng.normal(size=3), np.array([0.5, -0.2, 0.1])
@@ -106,19 +106,19 @@ def test_exact_rows_that_leave_nothing_free_are_slowed_too():
 
 
 @pytest.mark.parametrize("limit", [0.0, np.inf])
-def test_limits_that_are_none(limit):
+def test_wrong_tool_speed_limits_are_refused(limit):
     with pytest.raises(iq.BadInput, match="limit"):
         iq.limits.ToolSpeed(limit)
 
 
-def test_a_point_has_to_be_said():
+def test_a_tool_speed_limit_needs_a_point():
     with pytest.raises(iq.BadInput, match="Say which point"):
         iq.solve_velocity(np.ones((6, 2)), np.ones(6), form=0.4, tool_speed=iq.limits.ToolSpeed(0.25))
     with pytest.raises(iq.BadInput, match="tool_speed"):
         iq.solve_velocity(np.ones((6, 2)), np.ones(6), form=0.4, tool_speed=0.25)
 
 
-def test_a_task_files_tool_speed_is_kept_at_its_point_wherever_the_tool_frame_is():
+def test_a_tool_speed_of_a_task_file_holds_at_its_point():
     task = iq.load_task("arm_3r")
     point = (0.05, 0.0, 0.1)
     robot = task.load_robot()

@@ -26,7 +26,7 @@ from invariantqp.paths.driver import PathFollower
 from invariantqp.paths.solution import FollowerSolution
 from invariantqp.robots.kinematics import Robot
 from invariantqp.velocity.forms import Form
-from invariantqp.velocity.solution import Status, VelocitySolution, with_trouble
+from invariantqp.velocity.solution import Status, VelocitySolution, degraded
 from invariantqp.workbench.runs.contactspec import OperatorSpec
 from invariantqp.workbench.runs.plant import Measurement
 from invariantqp.workbench.runs.prepare import ControlProblem, Goal
@@ -87,7 +87,7 @@ class ElasticPathController(TaskController):
         self.followed.append(solution)
         self.done = solution.status in ("done", "blocked")
         answer = VelocitySolution(solution.velocity, "planned", Status.OK, (), (), np.zeros(6), 1.0, 0.0, 0.0, "")
-        return answer if solution.status != "blocked" else with_trouble(answer, solution.reason)
+        return answer if solution.status != "blocked" else degraded(answer, solution.reason)
 
 
 class ContactController(TaskController):
