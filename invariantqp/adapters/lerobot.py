@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.control.controller import Controller
-from invariantqp.control.limits import AnyLimit
+from invariantqp.control.loop_limits import AnyLimit
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.control.tracking import same_turn
 from invariantqp.engine import law
@@ -274,7 +274,7 @@ class ActionFollower:
     def reset(self, action: ArrayLike) -> None:
         """Say where the robot is, at the start and after it was moved by hand: (n,), as `joint_names` are [deg]."""
         now = arrays.vector(action, len(self._kinematics.joint_names), "action")
-        self.follower.controller.believed(np.radians(now[self._kinematics.moving]), "action")
+        self.follower.controller.checked_positions(np.radians(now[self._kinematics.moving]), "action")
         self.action, self._chunk = now.copy(), None
 
     def follow(self, chunk: Any, observed: float) -> None:

@@ -20,7 +20,7 @@ import numpy as np
 from attrs import field, frozen
 from numpy.typing import ArrayLike
 
-from invariantqp.control.controller import Controller, refused
+from invariantqp.control.controller import Controller, bad_input
 from invariantqp.engine import law
 from invariantqp.errors import BadInput, InvariantQPError, excerpt, written
 from invariantqp.force import messages
@@ -270,7 +270,7 @@ class HybridController:
         goal = target if isinstance(target, np.ndarray) else self.robot.target(target)
         exert = None if wanted is None else split.wanted_now(wanted)
         edge = nan if contact.edge is None else contact.edge
-        functions = inner.asked(q, goal)
+        functions = inner.begin_callbacks(q, goal)
         place = self.splits.in_engine, contact.pose, edge
         rest = feedforward, velocity, exert, posture, functions
         try:
@@ -279,7 +279,7 @@ class HybridController:
             if isinstance(refusal, InvariantQPError) or inner.raised(refusal):
                 raise
             arrays.vector(reading, 6, "wrench")
-            raise refused(loop, q, target, feedforward, velocity, {"posture": posture}, refusal) from None
+            raise bad_input(loop, q, target, feedforward, velocity, {"posture": posture}, refusal) from None
         if isinstance(found, float):
             raise _turned(found)
         fields, J, wrenches, pose, doubts = found

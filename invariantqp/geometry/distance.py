@@ -56,7 +56,7 @@ def places(a: Placed, b: Placed) -> list[Place]:
     elif a.solid is not None:
         near = [Place(d, -normal, point + d * normal) for d, normal, point in a.solid.places(a.pose, b)]
     else:
-        return [Place(float(row[0]), row[1:4], row[4:]) for row in law.places(a.numbers, b.numbers)]
+        return [Place(float(row[0]), row[1:4], row[4:]) for row in law.witnesses(a.numbers, b.numbers)]
     thick = a.radius + b.radius
     return sorted((Place(d - thick, normal, point) for d, normal, point in near), key=itemgetter(0))
 

@@ -31,7 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
 
-from invariantqp.control.tracking import QUESTIONED_TIME
+from invariantqp.control.tracking import LONG_TIME
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.force.sensor import WrenchSensor, load_of, wrench_of
 from invariantqp.geometry import arrays
@@ -347,7 +347,7 @@ def _time(time: Array, name: str) -> Array:
     steps = np.diff(time)
     for k in np.flatnonzero(~((steps > 0.0) & np.isfinite(steps)))[:1].tolist():
         raise BadInput(name, f"time that does not grow after sample {k}", "seconds, evenly spaced")
-    if len(steps) and np.median(steps) >= QUESTIONED_TIME:
+    if len(steps) and np.median(steps) >= LONG_TIME:
         found = f"samples {np.median(steps):g} s apart"
         raise BadInput(name, found, "times in seconds, of samples at some 100 Hz", "Are these milliseconds?")
     return time

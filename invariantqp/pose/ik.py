@@ -32,7 +32,7 @@ from invariantqp.control.demands import (
     View,
     demands_of,
 )
-from invariantqp.control.limits import no_degrees, not_believed, refuse
+from invariantqp.control.plausibility import bounds_against_degrees, require_plausible
 from invariantqp.control.target import TARGETS, Target
 from invariantqp.engine import law
 from invariantqp.errors import BadInput, excerpt, written
@@ -137,7 +137,8 @@ class PoseSearch:
     def start(self, q0: ArrayLike) -> Array:
         """Joint positions (m,) to begin from, checked."""
         q = arrays.joints(q0, self._robot.names, "q0")
-        refuse(not_believed(self._robot, q, no_degrees(self._robot, self._robot.jacobian(middle(self._robot)))), "q0")
+        bounds = bounds_against_degrees(self._robot, self._robot.jacobian(middle(self._robot)))
+        require_plausible(self._robot, q, bounds, "q0")
         return q
 
     def target(self, target: Any, argument: str = "target") -> Array | Target:
@@ -283,7 +284,7 @@ def pose_arm(robot: Robot) -> Any:
     mid = middle(robot)
     J, here, (low, high) = robot.jacobian(mid), robot.pose(mid), joint_ranges(robot)
     place, length = centre(J)
-    believed = no_degrees(robot, J)
+    plausible = bounds_against_degrees(robot, J)
     if type(robot) is Chain:  # a class of the user's may be no such chain
         kinematics: dict[str, Any] = {"chain": robot.in_engine}
     else:
@@ -302,8 +303,8 @@ def pose_arm(robot: Robot) -> Any:
         length=length if 0.0 < length < inf else 1.0,
         tip=here[:3, 3],
         far=far_away(robot, J, here[:3, 3]),
-        believed_lower=believed[0],
-        believed_upper=believed[1],
+        believed_lower=plausible[0],
+        believed_upper=plausible[1],
     )
 
 

@@ -12,7 +12,7 @@ from support.arms import ready
 
 import invariantqp as iq
 from invariantqp import engine
-from invariantqp.control.limits import box_of, limit_fields, loop_of
+from invariantqp.control.loop_limits import box_of, limit_fields, loop_of
 from invariantqp.engine import law
 from invariantqp.geometry.shapes import Core
 from invariantqp.limits import Box, Capsule, Clearance, HalfSpace, LimitRows, OtherArm, Sphere
@@ -51,7 +51,7 @@ def by_coal(clearance, q):
     known = clearance._distances(q)
     return min(
         coal.distance(*made[i], *made[j], coal.DistanceRequest(), coal.DistanceResult())
-        for (i, j), d in zip(clearance._of_pair, known, strict=True)
+        for (i, j), d in zip(clearance._shape_pairs, known, strict=True)
         if np.isfinite(d)
     )
 
@@ -101,7 +101,7 @@ def test_the_engine_asks_a_clearance_without_python(panda, acceleration):
         rows += len(solution.row_names) > 0
         q = q + DT * solution.velocity
     assert rows > 100
-    assert called == {"update", "_tell"}  # it is told where obstacles are
+    assert called == {"update", "_updated"}  # it is told where obstacles are
 
 
 def test_rows_of_users_and_of_clearances_keep_their_order_and_names(panda):
@@ -258,7 +258,7 @@ def test_a_row_is_how_fast_the_distance_of_coal_falls(panda):
     while checked < 10:
         q = READY + rng.uniform(-0.5, 0.5, 7)
         C, lower, _, of_pair, _ = limit._engine.rows(q, None, limit._at_rate(1.0))
-        d = limit._engine.found
+        d = limit._engine.last_distances
         k = int(np.argmin(d))
         rows = np.flatnonzero(np.array(of_pair) == k)
         if not len(rows) or d[k] < 0.01:
@@ -629,24 +629,22 @@ def test_another_arm_is_an_obstacle_and_takes_half_the_room_unless_its_velocity_
     def rows():
         limit.rows_at(q, rate)  # which tells the engine where the other arm is
         C, lower, _, of_pair, _ = limit._engine.rows(q, None, rate)
-        return C, lower, np.array(of_pair), limit._engine.found
+        return C, lower, np.array(of_pair), limit._engine.last_distances
 
     lower = {}
     for known in (False, True):
         other.move(q, np.zeros(6) if known else None)
         _, low, of_pair, _ = rows()
-        mine = [limit._parts[limit._of_pair[int(k)][1]].name.startswith("left/") for k in of_pair]
+        mine = [limit._geoms[limit._shape_pairs[int(k)][1]].name.startswith("left/") for k in of_pair]
         lower[known] = low[mine].min()
     assert lower[True] == pytest.approx(2.0 * lower[False])
-    assert other.yields is False
     other.move(q)
-    assert other.yields is True
     assert any(name.startswith("left/") for pair in limit.pairs for name in pair)
     with pytest.raises(iq.BadInput, match=r"q: found joint 3 .* degrees"):
         other.move(np.degrees(q))
     x, y, h = 0.1 * np.ones(6), np.linspace(0.1, 0.6, 6), 1e-6
     C, low, of_pair, d = rows()
-    near = [k for k in of_pair if limit._parts[limit._of_pair[k][1]].around < 0 and d[k] > 0.02]
+    near = [k for k in of_pair if limit._geoms[limit._shape_pairs[k][1]].arm > 0 and d[k] > 0.02]
     after = {}
     for sign in (-1, 1):
         other.move(q + sign * h * y)

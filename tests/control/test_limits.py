@@ -218,7 +218,7 @@ class Misspelled(Limit):
 class Payload(Limit):
     """A limit that never gives way: half of the accelerations, and a slow wrist."""
 
-    def narrowed(self, loop):
+    def tightened(self, loop):
         fastest = loop.velocity_limit.copy()
         fastest[6] = 0.01
         return loop._replace(acceleration=0.5 * loop.acceleration, velocity_limit=fastest)
@@ -247,7 +247,7 @@ def test_a_tool_speed_by_this_door(robot):
         (ROWS, "limits: found .*; expected a list"),
         ([0.25], "limits: found 0.25; expected LimitRows, a function of q that returns them, JointLimits"),
         ([None], "limits: found None"),
-        ([Misspelled()], "limits: found .*Misspelled.*; expected a Limit that has rows, narrowed or for_loop"),
+        ([Misspelled()], "limits: found .*Misspelled.*; expected a Limit that has rows, tightened or for_loop"),
         ([JointLimits], "limits: found .*JointLimits"),
         ([LimitRows([[1.0, 0.0]], [0.0], [1.0])], "limits: found rows on 2 joints; expected rows on 7"),
         ([JointLimits(velocity_limit=[1.0, 2.0])], "limits: found JointLimits on 2 joints"),

@@ -59,7 +59,7 @@ def inspect(
     ] = None,
 ) -> None:
     """Say what ROBOT can do and which form to give it: rank, type, pitches to stay away from, blind directions."""
-    from invariantqp.control.limits import no_degrees, not_believed, refuse
+    from invariantqp.control.plausibility import bounds_against_degrees, require_plausible
     from invariantqp.workbench.analysis.inspection import inspect as inspect_arm
     from invariantqp.workbench.runs.taskfile import load_arm
 
@@ -74,7 +74,7 @@ def inspect(
     many = {} if samples is None else {"samples": samples}
     found = inspect_arm(loaded, name=robot, q=state, **many)
     if state is not None:
-        refuse(not_believed(loaded, found.q, no_degrees(loaded, loaded.jacobian(found.q))), "--q")
+        require_plausible(loaded, found.q, bounds_against_degrees(loaded, loaded.jacobian(found.q)), "--q")
     apart = None
     if clearance:
         from invariantqp.control.clearance import Clearance
