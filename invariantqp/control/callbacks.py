@@ -199,7 +199,7 @@ class Callbacks:
 
     def _after(self, limit: Limit | LimitRows, limits: RowLimits, q: Array, x: Array) -> Any:
         """More rows of a limit if the solution x (m,) violates it at the end of the tick, or None."""
-        return self._added(limits.rows_from("after", [limit], q, x).rows)
+        return self._added(limits.rows_from("after", [limit], q, x)[0])
 
     def _added(self, rows: LimitRows | None) -> tuple[Array, Array, Array] | None:
         if rows is None:

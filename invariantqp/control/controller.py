@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy, deepcopy
-from numbers import Real
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -59,7 +58,7 @@ from invariantqp.robots.kinematics import (
     middle,
     require_robot,
 )
-from invariantqp.velocity.arguments import metric_of
+from invariantqp.velocity.arguments import damping_of, metric_of
 from invariantqp.velocity.backends import Backend, backend_of
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
@@ -240,7 +239,7 @@ class Controller:
             "tool_speed": None if self.tool_speed is None else tool_speed_fields(self.tool_speed),
             "metric": metric_of(joint_metric, state.J, tip, self.measure.length),
             **form_fields(self.form),
-            "damping": lambda_of(damping),
+            "damping": damping_of(damping),
             "exact_rank": row_rank(self.exact, robot) if self.exact else 0,
             "guard": -1.0 if self.guard is None else self.guard.fraction,
         }
@@ -251,7 +250,7 @@ class Controller:
         demands = demand_fields(self.exact)
         self._settings |= {"rows": fixed and (fixed.C, fixed.lower, fixed.upper), "exact": demands or ()}
         self.has_own_demands: bool = demands is None
-        calls_limits = self.joint_rows is not None and (fixed is None or any(self.joint_rows.hooks.values()))
+        calls_limits = self.joint_rows is not None and fixed is None
         calls = not self.by_chain or calls_limits or self.has_own_demands or self.backend is not None
         start = law.LoopState(m, self.delay, self.dt)
         self.in_engine: LoopInEngine = LoopInEngine(self, self._settings, start, has_callbacks=calls)
@@ -518,20 +517,6 @@ def posture_of(posture: ArrayLike | bool, gain: float, robot: Robot) -> tuple[Ar
     if np.ndim(arrays.array(posture, "posture", "joint positions, True or False")) == 0:
         raise BadInput("posture", f"{posture}", f"({m},) joint positions, True or False", "The gain is posture_gain.")
     return arrays.vector(posture, m, "posture"), np.full(m, k)
-
-
-def lambda_of(damping: float | None) -> float:
-    """The damping of a pitch form.
-
-    Raises:
-        BadInput: not a number, or below zero.
-    """
-    if damping is None:
-        return 0.0
-    if isinstance(damping, bool) or not isinstance(damping, Real):
-        remedy = "Without a form the damping depends on the last tick's residual."
-        raise BadInput("damping", excerpt(damping), "a number lambda >= 0, or None", remedy)
-    return arrays.not_negative(damping, "damping", "lambda")
 
 
 def _measure_fields(measure: ToolMeasure) -> dict[str, Any]:

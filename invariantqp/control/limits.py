@@ -314,15 +314,6 @@ class RowLimit(Limit):
         return None if isinstance(self._rows, LimitRows) else self._rows(q.copy())
 
 
-def velocity_limits(value: ArrayLike, m: int) -> JointLimits:
-    """The velocity limits of one tick, (m,) or one for all joints."""
-    expected = f"{m} speeds, zero or more, or one for all"
-    a = arrays.array(value, "velocity_limit", expected)
-    if a.shape not in ((), (m,)) or not (a >= 0.0).all():  # NaN is not above zero either
-        raise BadInput("velocity_limit", f"{excerpt(value)}" if a.shape in ((), (m,)) else f"shape {a.shape}", expected)
-    return JointLimits(velocity_limit=a)
-
-
 def _numbers(value: ArrayLike, argument: str) -> Array:
     """(m,) numbers, or one for all joints; no NaN."""
     a = arrays.array(value, argument, "numbers, one a joint or one for all, infinite where there is no limit")

@@ -19,7 +19,6 @@ from invariantqp.control.limits import (
     Rows,
     ToolSpeedLimit,
     UnusableRows,
-    velocity_limits,
 )
 from invariantqp.control.pink_limit import ForPink, PinkLimit, is_for_pink
 from invariantqp.control.plausibility import PositionBounds, implausible
@@ -40,15 +39,15 @@ def limits_of(limits: Sequence[AnyLimit]) -> list[Limit]:
     """The argument `limits=` as limits."""
     if not isinstance(limits, (list, tuple)):
         raise BadInput("limits", excerpt(limits), f"a list: {EXPECTED_LIMITS}")
-    return [_limit_of(limit) for limit in limits]
-
-
-def _limit_of(limit: object) -> Limit:
-    if isinstance(limit, Limit):
-        return limit
-    if isinstance(limit, ToolSpeed):
-        return ToolSpeedLimit(limit)
-    return PinkLimit(limit) if is_for_pink(limit) else RowLimit(limit, "limits")  # type: ignore[arg-type]
+    made: list[Limit] = []
+    for limit in limits:
+        if isinstance(limit, Limit):
+            made.append(limit)
+        elif isinstance(limit, ToolSpeed):
+            made.append(ToolSpeedLimit(limit))
+        else:
+            made.append(PinkLimit(limit) if is_for_pink(limit) else RowLimit(limit, "limits"))
+    return made
 
 
 def loop_of(robot: Robot, dt: float, delay: float) -> Loop:
@@ -83,19 +82,8 @@ def limit_fields(loop: Loop, rate: float) -> dict[str, Any]:
     }
 
 
-class TickRows(NamedTuple):
-    """The rows of one tick or None, and the reason if they cannot be used."""
-
-    rows: LimitRows | None
-    reason: Reason | None = None
-
-
 class RowLimits:
-    """The limits of a loop that return rows, in their order.
-
-    Attributes:
-        hooks: the limits that have a method `begin`, `after` or `violation` of their own, by its name.
-    """
+    """The limits of a loop that return rows, in their order."""
 
     def __init__(self, given: Sequence[Limit], loop: Loop) -> None:
         """The limits `given` in a loop."""
@@ -111,10 +99,6 @@ class RowLimits:
             elif type(limit).tightened is Limit.tightened:
                 expected = "a Limit that has rows, tightened or for_loop: this limits nothing"
                 raise BadInput("limits", excerpt(limit), expected)
-        self.hooks: dict[str, list[Limit]] = {
-            name: [one for one in self._limits if isinstance(one, Limit) and overrides(one, name)]
-            for name in ("begin", "after", "violation")
-        }
 
     def __bool__(self) -> bool:
         return bool(self._limits)
@@ -122,22 +106,9 @@ class RowLimits:
     def __iter__(self) -> Iterator[Limit | LimitRows]:
         return iter(self._limits)
 
-    def begin(self, q: ArrayLike) -> None:
-        """Begin a tick at measured joint positions q (m,)."""
-        for limit in self.hooks["begin"]:
-            limit.begin(arrays.vector(q, self._m, "q"))
-
     def __deepcopy__(self, memo: dict[int, Any]) -> RowLimits:
         """The limits of another loop, made from the same objects, such as moving obstacles."""
         return RowLimits(self._given, self._loop)
-
-    def at(self, q: Array, velocity: Array) -> TickRows:
-        """The rows at joint positions q (m,) after a joint velocity (m,)."""
-        return self.rows_from("rows", self._limits, q, velocity)
-
-    def after(self, q: Array, x: Array) -> LimitRows | None:
-        """More rows if the solution x (m,) of a tick at q (m,) violates a limit at the end of the tick."""
-        return self.rows_from("after", self.hooks["after"], q, x).rows
 
     @cached_property
     def fixed(self) -> LimitRows | None:
@@ -148,11 +119,7 @@ class RowLimits:
     def without_pink(self, q: Array) -> LimitRows | None:
         """The rows at rest at joint positions q (m,), without those of limits made for Pink; None if unusable."""
         limits = [limit for limit in self._limits if not isinstance(limit, PinkLimit)]
-        return self.rows_from("rows", limits, q, np.zeros(self._m)).rows
-
-    def violation(self) -> str:
-        """How the first violated limit was violated at the last call of its `rows`, "" if none was."""
-        return next((why for limit in self.hooks["violation"] if (why := limit.violation())), "")
+        return self.rows_from("rows", limits, q, np.zeros(self._m))[0]
 
     def blocked(self, q: Array) -> str:
         """Why an arm cannot stop at joint positions q (m,), "" if it can."""
@@ -161,8 +128,8 @@ class RowLimits:
 
     def rows_from(
         self, method: Literal["rows", "after"], limits: Sequence[Limit | LimitRows], q: Array, velocity: Array
-    ) -> TickRows:
-        """The rows that a method of some of these limits returns, stacked."""
+    ) -> tuple[LimitRows | None, Reason | None]:
+        """The rows that a method of some of these limits returns, stacked, and the reason if they cannot be used."""
         found = []
         for limit in limits:
             if isinstance(limit, LimitRows):
@@ -171,14 +138,14 @@ class RowLimits:
             try:
                 rows = getattr(limit, method)(q, velocity)
             except UnusableRows as unusable:
-                return TickRows(None, unusable.reason)
+                return None, unusable.reason
             except BadInput as error:
                 if error.argument == "limits":
                     raise
-                return TickRows(None, Reason(Code.ROWS_REFUSED, rows=(limit.name or "rows",), words=str(error)))
+                return None, Reason(Code.ROWS_REFUSED, rows=(limit.name or "rows",), words=str(error))
             if rows is not None:
                 found.append(self._named(rows, limit))
-        return TickRows(stacked(found))
+        return stacked(found), None
 
     def _named(self, rows: object, limit: Limit) -> LimitRows:
         """Rows on the arm's joints, checked, with the name of their limit if they have no names."""
@@ -274,7 +241,11 @@ class LoopLimits(NamedTuple):
             raise BadInput("speed", f"{share:g}", "a share of the speed, from 0 to 1")
         more = limits_of(limits)
         if velocity_limit is not None:
-            more.append(velocity_limits(velocity_limit, len(self.loop.velocity_limit)))
+            m, slower = len(self.loop.velocity_limit), JointLimits(velocity_limit=velocity_limit)
+            if slower.velocity_limit.shape not in ((), (m,)):
+                found = f"shape {slower.velocity_limit.shape}"
+                raise BadInput("velocity_limit", found, f"{m} speeds, zero or more, or one for all")
+            more.append(slower)
         if tool_speed is not None:
             speed_limit = arrays.number(tool_speed, "tool_speed", "a speed (speed=0 stops)", positive=True)
             more.append(ToolSpeedLimit(speed_limit))
