@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 from support.arms import ready
+from support.loops import drive
 
 import invariantqp as iq
 from invariantqp import engine
@@ -69,16 +70,6 @@ def below(robot, q, depth):
     return target
 
 
-def run(loop, q, target, ticks, each=None):
-    solutions = []
-    for i in range(ticks):
-        if each is not None:
-            each(i)
-        solutions.append(loop.step(q, target))
-        q = q + loop.dt * solutions[-1].velocity
-    return q, solutions
-
-
 @pytest.mark.parametrize("acceleration", [None, 10.0])
 def test_the_engine_asks_a_clearance_without_python(panda, acceleration):
     box = Box(iq.transform(translation=[0.6, 0.0, 0.2]), [0.1, 0.1, 0.1], name="box")
@@ -134,21 +125,17 @@ def test_rows_of_users_and_of_clearances_keep_their_order_and_names(panda):
 def test_the_hand_stops_above_the_table_and_is_named(panda):
     limit = Clearance(panda, HAND, [TABLE])
     loop = iq.Controller(panda, dt=DT, limits=[limit])
-    q, lowest = READY, 9.0
-    target = below(panda, q, 0.8)
-    for _ in range(600):
-        solution = loop.step(q, target)
-        q = q + DT * solution.velocity
-        lowest = min(lowest, by_coal(limit, q))
-    assert 0.0199 < lowest < 0.0201
+    target = below(panda, READY, 0.8)
+    run = drive(loop, READY, target, 600)
+    q, solution = run.end
+    assert 0.0199 < min(by_coal(limit, p) for p in run.q) < 0.0201
     assert solution.status == "limited"
     assert solution.reason.endswith("at the limits of clearance: panda_hand and table, 20.0 mm")
     assert limit.nearest[:2] == ("panda_hand", "table")
     assert str(limit.nearest) == "panda_hand and table, 20.0 mm"
     assert limit.at(q).distance == pytest.approx(by_coal(limit, q), abs=1e-9)
     without = iq.Controller(panda, dt=DT)
-    deepest, _ = run(without, READY, target, 600)
-    assert limit.at(deepest).distance < 0.0
+    assert limit.at(drive(without, READY, target, 600).q[-1]).distance < 0.0
 
 
 @pytest.mark.cases(3)
@@ -221,7 +208,7 @@ def test_where_a_tick_ends_is_what_counts(ur5):
 def test_what_ticks_may_take_of_the_distance_does_not_add_up(panda):
     """Of 20 mm a tick may leave 19.9: one that began at 19.95 is answered once more where it would end at 19.87."""
     limit, dt = Clearance(panda, HAND, [TABLE]), 0.01
-    near, _ = run(iq.Controller(panda, dt=DT, limits=[limit]), READY, below(panda, READY, 0.8), 400)
+    near, _ = drive(iq.Controller(panda, dt=DT, limits=[limit]), READY, below(panda, READY, 0.8), 400).end
     one_joint = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
     slope = (limit.at(near + 1e-6 * one_joint).distance - limit.at(near - 1e-6 * one_joint).distance) / 2e-6
     q = near + (0.01995 - limit.at(near).distance) / slope * one_joint
@@ -354,12 +341,8 @@ def test_an_arm_that_is_led_on_into_what_it_must_not_touch_comes_to_rest(panda, 
     limit = Clearance(panda, HAND, [TABLE])
     loop = iq.Controller(panda, dt=dt, delay=delay, acceleration_limit=acceleration, limits=[limit])
     under = iq.transform(np.diag([1.0, -1.0, -1.0]), [0.5, 0.0, -0.05])
-    q, flying, x = READY, [np.zeros(7)] * round(delay / dt), []
-    for _ in range(round(5.0 / dt)):
-        x.append(loop.step(q, under).velocity)
-        flying.append(x[-1])
-        q = q + dt * flying.pop(0)
-    held = np.array(x[round(4.0 / dt) :])
+    run = drive(loop, READY, under, round(5.0 / dt), late=round(delay / dt))
+    q, held = run.q[-1], run.x[round(4.0 / dt) :]
     assert np.abs(np.diff(held, axis=0)).max() < 0.02 * acceleration * dt
     assert 0.01999 < by_coal(limit, q) < 0.0201
     assert loop.step(q, under).reason.endswith("panda_hand and table, 20.0 mm")
@@ -755,10 +738,10 @@ def test_two_arms_in_one_chain_and_an_arm_on_a_rail(ur5):
     q = np.array([0.0, 0.0, -1.3, 1.9, -2.17, -1.57, 0.0])
     target = railed.pose(q)
     target[1, 3] += 0.7
-    after, solutions = run(loop, q, target, 1500)
+    after, solution = drive(loop, q, target, 1500).end
     assert kept.at(after).distance == pytest.approx(0.02, abs=1e-4)
     assert by_coal(kept, after) == pytest.approx(0.02, abs=1e-4)
-    assert "wall" in solutions[-1].reason
+    assert "wall" in solution.reason
 
 
 def frame(robot, q):
@@ -1058,10 +1041,7 @@ def test_a_long_tool_stays_above_a_table_that_the_bare_arm_does_not_reach(panda)
     ):
         limit, q = Clearance(robot, obstacles=[TABLE], distance=0.02), READY
         loop = iq.Controller(robot, dt=DT, limits=[limit])
-        target = iq.transform(translation=[0.0, 0.0, -0.35]) @ robot.pose(q)
-        for _ in range(600):
-            solution = loop.step(q, target)
-            q = q + DT * solution.velocity
+        q, solution = drive(loop, q, iq.transform(translation=[0.0, 0.0, -0.35]) @ robot.pose(q), 600).end
         tip[name] = robot.pose(q)[2, 3], solution.status
         if name == "pen":
             assert str(limit.nearest) == "pen and table, 20.0 mm"
