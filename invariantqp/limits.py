@@ -1,4 +1,4 @@
-"""What no velocity may leave: joint limits, rows of your own, the tool's speed, clearance, limits made for Pink."""
+"""Limits of a controller: joint limits, rows, tool speed, clearance, limits made for Pink."""
 
 from typing import TYPE_CHECKING
 

@@ -19,7 +19,7 @@ brake together stay on their path, so an arm pushed against an obstacle comes to
 than d_min, because a corner lies between two states, it is led back as far as the limits allow. Two arms that
 do not know each other's velocity use half of the margin each. Another arm that brakes is predicted by its own braking.
 
-**Moving obstacles** have the twist that they are given, or that of their last two poses. The arm makes way: if it
+**Moving obstacles** have the twist that they are given, or that of their last two poses. The arm evades: if it
 can be as fast as the obstacle, it starts while its joints can still reach that speed. With v the speed of the obstacle
 towards the arm and a the acceleration of the joints along n,
 

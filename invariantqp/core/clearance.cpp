@@ -1,4 +1,4 @@
-// State of a clearance between ticks: obstacles, pairs, the distances that they keep; control/clearance.py explains the law.
+// State of a clearance between ticks: obstacles, pairs and the distances that they keep; see control/clearance.py.
 #include "clearance_rows.hpp"
 #include <stdexcept>
 
@@ -9,9 +9,8 @@ namespace {
 // Shares of the joints' velocity limits at which a pair that is too near is led apart, and at which joints are limited
 // meanwhile: an arm in an obstacle comes out within three seconds, without a jerk.
 constexpr double ESCAPE_SPEED = 0.06, ESCAPE_LIMIT = 0.09;
-constexpr double ACTIVE = 1e-6;  // tolerance of a distance, as in velocity/solution.py
+constexpr double ACTIVE = 1e-6;         // tolerance of a distance, as in velocity/solution.py
 constexpr double SINGULAR_STEP = 1e-7;  // at full speed, to a state beside a singular one [s]
-constexpr double HALF_TURN = 3.141592653589793;
 constexpr int MOST_CELLS = 2000;  // of joint positions, to prove that a pair is always near
 
 Twist twist_of(const std::vector<double>& s) { return {{s[0], s[1], s[2]}, {s[3], s[4], s[5]}}; }
@@ -479,14 +478,14 @@ bool Clearance::is_always_near(int k, Workspace& w) const
     for (int a = from; a < to; a++) {
         const int c = coordinate[a];
         low[c] = scene.arms[0].lower[c], high[c] = scene.arms[0].upper[c];
-        const double half = HALF_TURN / norm(screws[a].omega);
+        const double half = M_PI / norm(screws[a].omega);
         if (high[c] - low[c] > 2 * half && std::count(&coordinate[from], &coordinate[from] + to - from, c) == 1)
             low[c] = -half, high[c] = half;
         if (!std::isfinite(high[c] - low[c]))
             return false;
     }
     cells.push_back({low, high});
-    const double apart = (1 - 1e-9) * scene.distance;  // equality, with rounding, is not nearer
+    const double apart = (1 - EQUAL) * scene.distance;  // equality is not nearer
     for (int cell = 0; cell < MOST_CELLS; cell++) {
         if (cells.empty())
             return true;

@@ -10,7 +10,7 @@ constexpr double DEEP = 0.05;  // share of the distance above what curvature tak
 // up near something that moves.
 constexpr double CURVATURE = 0.005;
 constexpr double CANCELLATION = 1e-12;  // a sum below this share of its terms is rounding
-constexpr double EQUAL_ROWS = 1e-9;   // difference of the entries of equal rows, as a share of their length
+constexpr double EQUAL = 1e-9;  // of equal rows as a share of their length, and of equal distances
 // Reflections over violated rows, which end inside all of them (Motzkin and Schoenberg 1954).
 constexpr int SWEEPS = 20;
 constexpr double REFLECTION = 2;
@@ -314,7 +314,7 @@ class ClearanceSearch {
             double apart = 0;
             for (int j = 0; j < m; j++)
                 apart = std::max(apart, std::abs(C(i, j) - row[j]));
-            if (apart <= EQUAL_ROWS * size) {
+            if (apart <= EQUAL * size) {
                 urgency[i] = urgent = std::max(urgency[i], urgent);
                 if (lower[i] >= low)
                     return;

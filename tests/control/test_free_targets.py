@@ -6,7 +6,7 @@ import pickle
 import numpy as np
 import pytest
 from support.arms import arm, ready
-from support.loops import drive
+from support.loops import OwnDemand, drive
 
 import invariantqp as iq
 
@@ -308,33 +308,21 @@ class Mine(iq.robots.Chain):
     """A robot that is no plain Chain: the engine asks Python for it."""
 
 
-class Kept:
-    """A demand of the user's own, the point that follows its target."""
-
-    def rows(self, view):
-        return iq.control.ExactPoint().rows(view)
-
-
 @pytest.mark.parametrize("name", ["ur5", "so101"])
 def test_robots_and_demands_of_the_users_own_do_the_same(name):
     robot, q = iq.load_robot(name), ready(name)
-    own = Mine(
-        **{
-            n: getattr(robot, n)
-            for n in ("screws", "home", "names", "position_lower", "position_upper", "velocity_limit")
-        }
-    )
+    limits = robot.position_lower, robot.position_upper, robot.velocity_limit
+    own = Mine(robot.screws, robot.home, robot.names, *limits)
     pose = robot.pose(q + 0.2)
-    for target in (
-        iq.Target(pose[:3, 3]),
-        iq.Target(pose[:3, 3], pose[:3, 2]),
-        iq.Target(axis=pose[:3, 2]),
-        pose[:3, 3],
-    ):
+    p, z = pose[:3, 3], pose[:3, 2]
+    for target in (iq.Target(p), iq.Target(p, z), iq.Target(axis=z), p):
         plain = iq.Controller(robot, dt=DT).step(q, target)
         np.testing.assert_allclose(iq.Controller(own, dt=DT).step(q, target).velocity, plain.velocity, atol=1e-12)
     for target in (iq.Target(pose[:3, 3]), iq.Target(pose[:3, 3], pose[:3, 2])):
-        exact = [iq.Controller(robot, dt=DT, exact=e).step(q, target) for e in (iq.control.ExactPoint(), Kept())]
+        exact = [
+            iq.Controller(robot, dt=DT, exact=e).step(q, target)
+            for e in (iq.control.ExactPoint(), OwnDemand(iq.control.ExactPoint()))
+        ]
         np.testing.assert_allclose(exact[0].velocity, exact[1].velocity, atol=1e-9)
 
 
