@@ -1,4 +1,4 @@
-"""What no velocity may leave: joint limits, rows of your own, the tool's speed, clearance, limits made for Pink."""
+"""Limits of a controller: joint limits, rows, tool speed, clearance, limits made for Pink."""
 
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.control.limits import JointLimits as JointLimits
     from invariantqp.control.limits import Limit as Limit
     from invariantqp.control.limits import Loop as Loop
-    from invariantqp.control.limits import PinkLimit as PinkLimit
+    from invariantqp.control.pink_limit import PinkLimit as PinkLimit
     from invariantqp.geometry.coal import Mesh as Mesh
     from invariantqp.geometry.shapes import Box as Box
     from invariantqp.geometry.shapes import Capsule as Capsule

@@ -45,7 +45,7 @@ INNER = {
     "LimitRows.excess "
     "Clearance.in_loop Clearance.require Clearance.rows_at Clearance.rows_after "
     "Clearance.engine_in_loop Clearance.row_name Clearance.too_near "
-    "OtherArm.believed BoxQP.of Chain.motions LimitRows.trusted Candidate.frame "
+    "OtherArm.checked_positions BoxQP.of Chain.motions LimitRows.trusted Candidate.frame "
     "ExactRows.on LimitRows.renamed "
     "Chain.sight Chain.points "
     "InvariantFrameTask.compute_qp_objective",

@@ -33,7 +33,7 @@ def pinocchio_model(clearance):
             shape = coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
         place = data.oMi[body or 0].inverse() * pin.SE3(at.pose[:3, :3], at.pose[:3, 3])
         made[k] = geometry.addGeometryObject(pin.GeometryObject(f"{name} {k}", body or 0, place, shape))
-    for i, j in clearance._of_pair:
+    for i, j in clearance._shape_pairs:
         geometry.addCollisionPair(pin.CollisionPair(made[i], made[j]))
     return model, geometry
 
@@ -74,7 +74,7 @@ def mujoco_model(clearance):
     mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(robot.home[:3, :3]).ravel())
     text += f'<site name="tool" pos="{words(robot.home[:3, 3])}" quat="{words(quaternion)}"/>' + "</body>" * m
     model = mujoco.MjModel.from_xml_string(text + "</worldbody></mujoco>")
-    return model, [([f"g{i}"], [f"g{j}"]) for i, j in clearance._of_pair]
+    return model, [([f"g{i}"], [f"g{j}"]) for i, j in clearance._shape_pairs]
 
 
 class Peer:

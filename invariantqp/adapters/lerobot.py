@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.control.controller import Controller
-from invariantqp.control.limits import AnyLimit
+from invariantqp.control.loop_limits import AnyLimit
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.control.tracking import same_turn
 from invariantqp.engine import law
@@ -270,7 +270,7 @@ class ActionFollower:
     def reset(self, action: ArrayLike) -> None:
         """Set the joint positions (n,) of `joint_names` [deg], at the start and after the robot was moved by hand."""
         measured = arrays.vector(action, len(self._kinematics.joint_names), "action")
-        self.follower.controller.believed(np.radians(measured[self._kinematics.joint_indices]), "action")
+        self.follower.controller.checked_positions(np.radians(measured[self._kinematics.joint_indices]), "action")
         self.action, self._chunk = measured.copy(), None
 
     def follow(self, chunk: Any, observed: float) -> None:

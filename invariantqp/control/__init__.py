@@ -1,4 +1,9 @@
-"""What a control script uses: the controller, what it meets exactly, and a twist split with an operator."""
+"""Task-space velocity control of one arm: the controller, its limits, exact demands, partial targets, clearance.
+
+In: measured joint positions and a target or a twist. Out: a joint velocity inside the limits, a `VelocitySolution`.
+The engine (`core/loop.hpp`, `core/clearance.hpp`) computes a tick; this room checks arguments and calls the user's own
+limits, demands and robots. It must not know of contacts, forces, paths or task files.
+"""
 
 from typing import TYPE_CHECKING
 

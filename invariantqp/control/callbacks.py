@@ -1,4 +1,4 @@
-"""What a tick of the engine asks of Python: limits, exact demands and robots of the user's, and other solvers."""
+"""Callbacks from a tick of the engine to Python: the user's limits, demands, robots and solvers."""
 
 from __future__ import annotations
 
@@ -13,16 +13,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from invariantqp.control.demands import Exact, View, rows_of
-from invariantqp.control.limits import (
-    Changes,
-    Limit,
-    LimitInEngine,
-    LoopLimits,
-    RowLimits,
-    limit_fields,
-    overrides,
-    tool_speed_fields,
-)
+from invariantqp.control.limits import EngineLimit, Limit, tool_speed_fields
+from invariantqp.control.loop_limits import LoopLimits, RowLimits, TickChanges, limit_fields, overrides
 from invariantqp.engine import law
 from invariantqp.errors import BadInput, InvariantQPError, excerpt
 from invariantqp.geometry.arrays import Array, vector
@@ -38,8 +30,8 @@ from invariantqp.velocity.reasons import Code, Reason, text_reasons
 from invariantqp.velocity.solution import Status, VelocitySolution, with_reasons_first
 
 
-class LoopOfUser(Protocol):
-    """What is read of a controller, whose attributes these are."""
+class ControllerFields(Protocol):
+    """The attributes of a controller that callbacks read."""
 
     robot: Robot
     limits: LoopLimits
@@ -51,30 +43,34 @@ class LoopOfUser(Protocol):
     guard: Guard | None
     backend: Backend | None
     by_chain: bool
-    asks_demands: bool
+    has_own_demands: bool
 
 
 class RowNames:
-    """What the rows of a tick are called, made when they are read; none where no row has a name."""
+    """The names of the rows of a tick, made when they are read; empty if no row has a name."""
 
-    __slots__ = ("_fixed", "_limits", "_rows", "_user_rows")
+    __slots__ = ("_constant", "_limits", "_origins", "_user_rows")
 
     def __init__(
-        self, fixed: LimitRows | None, limits: Sequence[Limit | LimitRows], rows: bytes, user_rows: Sequence[LimitRows]
+        self,
+        constant: LimitRows | None,
+        limits: Sequence[Limit | LimitRows],
+        origins: bytes,
+        user_rows: Sequence[LimitRows],
     ) -> None:
-        """Of rows that never change, and of those of limits: their origins as the engine says them."""
-        self._fixed, self._limits, self._rows, self._user_rows = fixed, limits, rows, user_rows
+        """For constant rows, and rows of limits with the origins that the engine returns: limit, pair, distance."""
+        self._constant, self._limits, self._origins, self._user_rows = constant, limits, origins, user_rows
 
     def __iter__(self) -> Iterator[str]:
-        names = [] if self._fixed is None else list(_names(self._fixed))
-        of_users = chain.from_iterable(map(_names, self._user_rows))
-        numbers = iter(array("d", self._rows))
+        names = [] if self._constant is None else list(_names(self._constant))
+        user_names = chain.from_iterable(map(_names, self._user_rows))
+        numbers = iter(array("d", self._origins))
         for i, pair, distance in zip(numbers, numbers, numbers, strict=True):
             limit = self._limits[int(i)]
-            if isinstance(limit, LimitInEngine):
+            if isinstance(limit, EngineLimit):
                 names.append(limit.clearance.row_name(int(pair), distance))
             else:
-                names.append(next(of_users))
+                names.append(next(user_names))
         return iter(names if any(names) else ())
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -86,106 +82,106 @@ def _names(rows: LimitRows) -> Sequence[str]:
 
 
 class Callbacks:
-    """The functions that the engine calls in a tick, and what they said.
+    """The functions that the engine calls in a tick, and the reasons and rows that they returned.
 
     Attributes:
-        functions: as the engine takes them: arm, limits, exact, law; None where there is none. Each of the limits is
-            the engine's own, or its functions (rows, after).
+        functions: as the engine takes them: arm, limits, exact, law; None for those not needed. Each limit is an object
+            of the engine or a pair of functions (rows, after).
         raised: the exception that one of the functions raised, or None.
     """
 
-    def __init__(self, controller: LoopOfUser, now: Changes | None = None) -> None:
-        """Of a controller; `now` is what is other in one tick."""
-        own, changed = controller.joint_rows, None if now is None else now.joint_rows
-        self._loop, self._now, self._target = controller, now, None
-        self._fixed = None if own is None else own.fixed
-        groups = [limits for limits in (own if self._fixed is None else None, changed) if limits]
+    def __init__(self, controller: ControllerFields, changes: TickChanges | None = None) -> None:
+        """For a controller, and for the changes of one tick."""
+        own, changed = controller.joint_rows, None if changes is None else changes.joint_rows
+        self._loop, self._changes, self._target = controller, changes, None
+        self._constant = None if own is None else own.fixed
+        groups = [limits for limits in (own if self._constant is None else None, changed) if limits]
         self._limits: list[Limit | LimitRows] = [limit for limits in groups for limit in limits]
-        self._clearances = [limit.clearance for limit in self._limits if isinstance(limit, LimitInEngine)]
-        users = [limit for limit in self._limits if isinstance(limit, Limit) and not isinstance(limit, LimitInEngine)]
-        self._first = next((x for x in self._limits if not isinstance(x, LimitInEngine)), None)
+        self._clearances = [limit.clearance for limit in self._limits if isinstance(limit, EngineLimit)]
+        users = [limit for limit in self._limits if isinstance(limit, Limit) and not isinstance(limit, EngineLimit)]
+        self._first = next((x for x in self._limits if not isinstance(x, EngineLimit)), None)
         self._begin = [limit.begin for limit in users if overrides(limit, "begin")]
-        self._tells = any(overrides(limit, "broken") for limit in users)
+        self._has_violations = any(overrides(limit, "violation") for limit in users)
         self._user_rows: list[LimitRows] = []
-        self._trouble: Reason | None = None
-        self._failure = ""
+        self._unusable: Reason | None = None
+        self._solver_failure = ""
         self.raised: BaseException | None = None
         self.functions: tuple[Any, ...] = (
-            None if controller.by_chain else self._kept(self._arm),
+            None if controller.by_chain else self._recorded(self._arm),
             tuple(self._limit(limit, limits) for limits in groups for limit in limits),
-            self._kept(self._exact) if controller.asks_demands else None,
-            None if controller.backend is None else self._kept(self._law),
+            self._recorded(self._exact) if controller.has_own_demands else None,
+            None if controller.backend is None else self._recorded(self._law),
         )
 
     def _limit(self, limit: Limit | LimitRows, limits: RowLimits) -> Any:
-        """One of some limits as the engine takes it."""
-        if isinstance(limit, LimitInEngine):
+        """A limit as the engine takes it."""
+        if isinstance(limit, EngineLimit):
             return limit.engine
-        after = self._kept(partial(self._after, limit, limits)) if overrides(limit, "after") else None
-        return self._kept(partial(self._limit_rows, limit, limits)), after
+        after = self._recorded(partial(self._after, limit, limits)) if overrides(limit, "after") else None
+        return self._recorded(partial(self._limit_rows, limit, limits)), after
 
     @property
     def changes(self) -> tuple[float, dict[str, Any] | None, tuple[float, Array] | None] | None:
-        """What is other in this tick, as the engine takes it."""
-        now, usual = self._now, self._loop.limits.loop
-        if now is None:
+        """The changes of this tick as the engine takes them: speed, joint limits, tool speed."""
+        changes, usual = self._changes, self._loop.limits.loop
+        if changes is None:
             return None
-        speed = now.loop.tool_speed
+        speed = changes.loop.tool_speed
         return (
-            now.speed,
-            None if now.loop is usual else limit_fields(now.loop, self._loop.box.rate),
+            changes.speed,
+            None if changes.loop is usual else limit_fields(changes.loop, self._loop.box.rate),
             None if speed is None or speed is usual.tool_speed else tool_speed_fields(speed),
         )
 
     def begin(self, q: Any, target: Any) -> None:
-        """A tick begins at measured joint positions q (m,), towards a target pose, None for no pose."""
-        self._user_rows, self._target, self._trouble, self._failure, self.raised = [], target, None, "", None
+        """Begin a tick at measured joint positions q (m,), with a target pose or None."""
+        self._user_rows, self._target, self._unusable, self._solver_failure, self.raised = [], target, None, "", None
         for clearance in self._clearances:
             clearance.update()
         for begin in self._begin:
             begin(vector(q, len(self._loop.robot.names), "q"))
 
-    def row_names(self, rows: bytes | None) -> Iterable[str]:
-        """What the rows of this tick are called; `rows` are their origins as the engine says them."""
-        if rows is not None:
-            return RowNames(self._fixed, self._limits, rows, self._user_rows)
-        return () if self._fixed is None else self._fixed.names
+    def row_names(self, origins: bytes | None) -> Iterable[str]:
+        """The names of the rows of this tick, from the origins that the engine returns."""
+        if origins is not None:
+            return RowNames(self._constant, self._limits, origins, self._user_rows)
+        return () if self._constant is None else self._constant.names
 
     def completed(self, solution: VelocitySolution, too_near: tuple[int, int, float] | None) -> VelocitySolution:
-        """The solution with what limits and solvers said; and a clearance that is not kept, as the engine says it."""
+        """The solution with the reasons of limits and solvers; `too_near`: limit, pair and distance of a clearance."""
         backend = self._loop.backend
         if backend is not None:
             solution = solution._replace(backend=backend.name if solution.method == "qp" else "")
-            if self._failure and solution.status is Status.HELD:
-                solution = solution._replace(reasons=(Reason(Code.NO_SOLUTION, words=self._failure),))
-        if self._trouble is not None:
-            solution = solution._replace(reasons=with_reasons_first((self._trouble,), solution))
-        if (too_near is not None or self._tells) and (broken := self._broken(too_near)):
+            if self._solver_failure and solution.status is Status.HELD:
+                solution = solution._replace(reasons=(Reason(Code.NO_SOLUTION, words=self._solver_failure),))
+        if self._unusable is not None:
+            solution = solution._replace(reasons=with_reasons_first((self._unusable,), solution))
+        if (too_near is not None or self._has_violations) and (violation := self._violation(too_near)):
             status = Status.LIMITED if solution.status is Status.OK else solution.status
-            solution = solution._replace(status=status, reasons=with_reasons_first(text_reasons(broken), solution))
+            solution = solution._replace(status=status, reasons=with_reasons_first(text_reasons(violation), solution))
         return solution
 
-    def _broken(self, too_near: tuple[int, int, float] | None) -> str:
-        """What of the first limit does not hold that is broken, "" where all hold."""
+    def _violation(self, too_near: tuple[int, int, float] | None) -> str:
+        """How the first violated limit is violated, "" if none is."""
         for i, limit in enumerate(self._limits):
-            if isinstance(limit, LimitInEngine):
+            if isinstance(limit, EngineLimit):
                 if too_near is not None and too_near[0] == i:
                     return str(limit.clearance.too_near(*too_near[1:]))
-            elif isinstance(limit, Limit) and (why := limit.broken()):
+            elif isinstance(limit, Limit) and (why := limit.violation()):
                 return why
         return ""
 
-    def _kept(self, function: Callable[..., Any]) -> Callable[..., Any]:
-        """The function, whose exceptions are kept: they are the user's, and no argument that the engine refuses."""
+    def _recorded(self, function: Callable[..., Any]) -> Callable[..., Any]:
+        """The function, with its exceptions recorded to tell them from those of the engine."""
 
-        def called(*arguments: Any) -> Any:
+        def recorded(*arguments: Any) -> Any:
             try:
                 return function(*arguments)
             except BaseException as error:
                 self.raised = error
                 raise
 
-        return called
+        return recorded
 
     def _sighting(self, q: Array) -> Sighting:
         robot = self._loop.robot
@@ -195,15 +191,15 @@ class Callbacks:
         return seen(self._sighting(q))
 
     def _limit_rows(self, limit: Limit | LimitRows, limits: RowLimits, q: Array, before: Array) -> Any:
-        """Rows of one of some limits at joint positions q (m,), or None; False where none are known to be safe."""
-        if limit is self._first:  # a follower asks for them twice
+        """The rows of a limit at joint positions q (m,) or None; False if they cannot be used."""
+        if limit is self._first:  # a follower calls for the rows twice in a tick
             self._user_rows = []
-        rows, self._trouble = limits.answers("rows", [limit], q, before)
-        return False if self._trouble is not None else self._added(rows)
+        rows, self._unusable = limits.rows_from("rows", [limit], q, before)
+        return False if self._unusable is not None else self._added(rows)
 
     def _after(self, limit: Limit | LimitRows, limits: RowLimits, q: Array, x: Array) -> Any:
-        """More rows of one of some limits, where the answer x (m,) does not keep it to the tick's end, or None."""
-        return self._added(limits.answers("after", [limit], q, x).rows)
+        """More rows of a limit if the solution x (m,) violates it at the end of the tick, or None."""
+        return self._added(limits.rows_from("after", [limit], q, x)[0])
 
     def _added(self, rows: LimitRows | None) -> tuple[Array, Array, Array] | None:
         if rows is None:
@@ -211,15 +207,17 @@ class Callbacks:
         self._user_rows.append(rows)
         return rows.C, rows.lower, rows.upper
 
-    def _exact(self, q: Array, gain: float, ahead: Array, nearest: Array | None) -> tuple[Array, Array, Array | None]:
+    def _exact(
+        self, q: Array, gain: float, feedforward: Array, nearest: Array | None
+    ) -> tuple[Array, Array, Array | None]:
         robot = self._loop.robot
-        wanted = self._target if nearest is None else nearest
-        target = robot.target(robot.pose(q) if wanted is None else wanted)
-        rows = rows_of(self._loop.exact, View(robot, robot.sight(q, target), target, gain, ahead))
+        pose = self._target if nearest is None else nearest
+        target = robot.target(robot.pose(q) if pose is None else pose)
+        rows = rows_of(self._loop.exact, View(robot, robot.sight(q, target), target, gain, feedforward))
         return rows.A, rows.b, rows.of_twist
 
     def _law(self, fields: dict[str, Any]) -> tuple[Any, ...] | None:
-        """The answer of `velocity.definition` by the loop's own solver, None where it finds none."""
+        """The solution of `velocity.definition` by the controller's back end, None if it fails."""
         loop = self._loop
         rows, point, exact = (fields.pop(name) for name in ("rows", "tool_speed", "exact"))
         has_form, guard, measure = fields.pop("has_form"), loop.guard, fields.pop("measure")
@@ -236,39 +234,41 @@ class Callbacks:
         try:
             answer = self._velocity(tick)
         except (SolverFailure, np.linalg.LinAlgError) as failure:
-            self._failure = str(failure) or excerpt(failure)
+            self._solver_failure = str(failure) or excerpt(failure)
             return None
         return answer_fields(answer, tick)
 
     def _velocity(self, tick: Tick) -> Answer:
-        """By the loop's own solver; where a form has no projector, its guard leaves none of it."""
+        """The solution by the controller's back end; a guarded form without a projector becomes least squares."""
         try:
             return velocity(tick, self._loop.backend)
-        except InvariantQPError as none:
-            if isinstance(none, SolverFailure) or tick.guard is None:
+        except InvariantQPError as error:
+            if isinstance(error, SolverFailure) or tick.guard is None:
                 raise
             return velocity(replace(tick, form=None), self._loop.backend)._replace(form_share=0.0)
 
 
 class LoopInEngine:
-    """The loop of a controller in the engine, with what it asks of Python.
+    """The loop of a controller in the engine, with its callbacks.
 
     Attributes:
-        settings: what never changes, as the engine takes it.
-        loop: the engine's.
-        state: what the loop remembers between ticks.
-        asks: whether a tick asks anything of Python.
-        calls: what it asks, None for nothing.
+        settings: the constant arguments, as the engine takes them.
+        loop: the engine's loop.
+        state: the loop's state between ticks.
+        has_callbacks: whether a tick calls Python.
+        calls: the callbacks, or None.
     """
 
-    def __init__(self, controller: LoopOfUser, settings: dict[str, Any], state: Any, *, asks: bool) -> None:
-        """Of a controller.
+    def __init__(
+        self, controller: ControllerFields, settings: dict[str, Any], state: Any, *, has_callbacks: bool
+    ) -> None:
+        """For a controller.
 
         Raises:
-            BadInput: absurdly large or small numbers.
+            BadInput: too large or too small numbers.
         """
-        self._controller, self.settings, self.state, self.asks = controller, settings, state, asks
-        self.calls: Callbacks | None = Callbacks(controller) if asks else None
+        self._controller, self.settings, self.state, self.has_callbacks = controller, settings, state, has_callbacks
+        self.calls: Callbacks | None = Callbacks(controller) if has_callbacks else None
         rows = controller.joint_rows
         self._row_names = row_names_of(None if rows is None else rows.fixed)
         robot: Any = controller.robot
@@ -277,47 +277,47 @@ class LoopInEngine:
         except ValueError as refusal:
             raise BadInput("the arguments", str(refusal), "numbers that can be computed with") from None
 
-    def of(self, controller: LoopOfUser) -> LoopInEngine:
-        """A copy, of a copy of the controller."""
-        return LoopInEngine(controller, self.settings, copy(self.state), asks=self.asks)
+    def of(self, controller: ControllerFields) -> LoopInEngine:
+        """A copy for a copy of the controller."""
+        return LoopInEngine(controller, self.settings, copy(self.state), has_callbacks=self.has_callbacks)
 
     @property
     def law(self) -> dict[str, Any]:
-        """What of the law is the same in every tick, as the engine takes it: form, damping, guard, joint metric."""
+        """Form, damping, guard and joint metric, as the engine takes them."""
         guard = self._controller.guard
         fields = {name: self.settings[name] for name in ("form", "root", "damping", "metric") if name in self.settings}
         return fields | {"guard": None if guard is None else guard.fraction}
 
     def posture_pull(self, q: Array) -> Array | None:
-        """(m,) the joint velocity from q (m,) towards the posture; None where the null space has none."""
+        """(m,) the joint velocity from q (m,) towards the posture; None without a posture."""
         if "pull" not in self.settings:
             return None
-        way = joint_displacement(q, self.settings["posture"], self.settings["turns"])
-        return np.asarray(self.settings["pull"] * way)
+        displacement = joint_displacement(q, self.settings["posture"], self.settings["turns"])
+        return np.asarray(self.settings["pull"] * displacement)
 
     def follower(self, rise: float) -> Any:
-        """The ticks of a follower, whose accelerations rise to their limits in a time [s]."""
+        """The engine's follower, whose accelerations rise to their limits in a time [s]."""
         limited = self._controller.tool_speed is not None or self._controller.joint_rows is not None
         return law.Follower(self.loop, rise, limited)
 
-    def asked(self, q: Any, target: Any = None) -> tuple[Any, ...] | None:
-        """The functions that are asked in a tick that begins at measured joint positions q (m,), towards a target."""
+    def begin_callbacks(self, q: Any, target: Any = None) -> tuple[Any, ...] | None:
+        """The callbacks of a tick that begins at measured joint positions q (m,), with a target pose or None."""
         if self.calls is None:
             return None
         self.calls.begin(q, target)
         return self.calls.functions
 
     def raised(self, error: BaseException) -> bool:
-        """Whether one of these functions raised the error."""
+        """Whether a callback raised the error."""
         return self.calls is not None and self.calls.raised is error
 
-    def solution(self, found: tuple[Any, ...], calls: Callbacks | None = None) -> VelocitySolution:
-        """The solution of a tick from what the engine found; `calls` are other functions that it asked."""
+    def solution(self, result: tuple[Any, ...], calls: Callbacks | None = None) -> VelocitySolution:
+        """The solution of a tick from the engine's result; `calls` replaces the loop's own callbacks."""
         calls, names = self.calls if calls is None else calls, self._controller.robot.names
         if calls is None:
-            return solution_of(found, self._row_names, names)
-        fields, rows, too_near = found
-        return calls.completed(solution_of(fields, calls.row_names(rows), names), too_near)
+            return solution_of(result, self._row_names, names)
+        fields, origins, too_near = result
+        return calls.completed(solution_of(fields, calls.row_names(origins), names), too_near)
 
 
 def seen(sighting: Sighting) -> tuple[Array, Any]:

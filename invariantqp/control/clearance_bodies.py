@@ -1,8 +1,7 @@
-"""The bodies of a clearance, an arm's links, obstacles and other arms, and which of them it keeps apart.
+"""The bodies of a clearance: links, obstacles and other arms, and the pairs of bodies that are checked.
 
-All that can touch: links on one body, neighbours at a joint, and what a description excludes or a caller does are left
-out, each with its reason. The engine leaves out bodies that it shows to be nearer than the distance wherever the joints
-between them are; nothing is left out because samples did not meet.
+A pair is dropped, with a reason, if both bodies are fixed to one another or neighbours at a joint, or if the robot's
+description or the user excludes it. The engine drops pairs that are provably always nearer than the distance.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.control.limits import no_degrees, not_believed, refuse
+from invariantqp.control.plausibility import bounds_against_degrees, require_plausible
 from invariantqp.engine import law
 from invariantqp.errors import BadInput, UnknownName, excerpt
 from invariantqp.geometry import arrays
@@ -30,31 +29,50 @@ from invariantqp.robots.urdf import excluded
 from invariantqp.velocity.limits import accelerations
 
 
-class Part(NamedTuple):
-    """A shape as one of the bodies."""
+class Geom(NamedTuple):
+    """A shape of a body.
+
+    Attributes:
+        name: of the body.
+        shape: the shape.
+        joints: number of joints of its arm that move it.
+        frame: (4, 4) pose of its link at q = 0; None for an obstacle.
+        arm: 0 for the arm itself, 1, 2, ... for other arms; 0 for an obstacle.
+    """
 
     name: str
     shape: Shape
-    body: int  # moved by the first so many joints of its arm
-    frame: Array | None  # (4, 4) of its link at q = 0; None for an obstacle, which is where it was moved to
-    around: int = 0  # 1 for an obstacle; for a link of another arm -1, -2, ..., by which one it is
+    joints: int
+    frame: Array | None
+    arm: int = 0
+
+    @property
+    def is_obstacle(self) -> bool:
+        """Whether it is an obstacle, moved by `Shape.move`."""
+        return self.frame is None
+
+    @property
+    def is_own_link(self) -> bool:
+        """Whether it is a link of the arm itself."""
+        return self.frame is not None and self.arm == 0
 
     def at(self, pose: Array) -> CollisionObject:
-        """The shape, its core at a (4, 4) pose in the base frame."""
+        """The shape with its core at a (4, 4) pose in the base frame."""
         return CollisionObject(self.shape.core, self.shape.radius, self.shape.half, pose, self.shape.mesh)
 
 
 class OtherArm:
-    """Another arm as an obstacle: its links move when `move` is called. Each of two arms has the other as one.
+    """Another arm as an obstacle, moved by `move`. Two arms that avoid each other each have an OtherArm of the other.
 
     Attributes:
-        robot: that arm; both have the same base frame: put it where it stands with `load_robot(base=)`.
+        robot: that arm, in the same base frame (`load_robot(base=)` sets its base).
         bodies: the shapes of its links.
-        name: what its links' names begin with.
-        q: (m,) where its joints are.
-        velocity: (m,) how fast, as it was told; zero where it was not.
-        turns: (m,) whole turns of its continuous joints; 0 of other joints.
-        brakes: whether it has a clearance from this one in its own loop.
+        name: prefix of its links' names.
+        q: (m,) its joint positions.
+        velocity: (m,) its joint velocity as given to `move`, else zero.
+        has_velocity: whether `move` was given a velocity.
+        turns: (m,) period of its continuous joints; 0 for other joints.
+        brakes: whether it has a clearance from this arm in its own loop.
     """
 
     def __init__(
@@ -70,10 +88,10 @@ class OtherArm:
         Args:
             robot: that arm, its base frame the same as this one's.
             bodies: as in `Clearance`.
-            name: what its links' names begin with.
+            name: prefix of its links' names.
             acceleration_limit: (m,) or one for all [rad/s^2, length/s^2], of an arm that has a clearance from this one
-                in its own loop: it brakes for it as this one does, and each takes half of the room. None is an arm that
-                goes where its velocity says, whatever is in its way.
+                in its own loop: both brake, and each may use half of the margin. None is an arm that keeps its
+                velocity.
 
         Raises:
             BadInput: as `Clearance`; accelerations that are not above zero.
@@ -86,72 +104,65 @@ class OtherArm:
         a = np.zeros(m) if acceleration_limit is None else accelerations(acceleration_limit, m)
         ranges = self.robot.position_lower, self.robot.position_upper
         self.limits = np.array((self.robot.velocity_limit, a, *ranges))
-        self.q, self.velocity, self.knows_velocity = np.zeros(m), np.zeros(m), False
+        self.q, self.velocity, self.has_velocity = np.zeros(m), np.zeros(m), False
         self.turns = continuous_turns(*ranges, self.robot.screws)
-        self._no_degrees = no_degrees(self.robot, self.robot.screws)
-
-    @property
-    def yields(self) -> bool:
-        """Whether it makes way too, and each takes half of the room: it is said to, or its velocity is not known."""
-        return self.brakes or not self.knows_velocity
+        self._plausible = bounds_against_degrees(self.robot, self.robot.screws)
 
     def move(self, q: ArrayLike, velocity: ArrayLike | None = None) -> None:
-        """Say where its joints are from now on, between ticks.
+        """Set its joint positions, between ticks.
 
         Args:
             q: (m,) its joint positions.
-            velocity: (m,) its joint velocity; None is as its last two positions say, over the ticks between them, and
-                each arm may then take half of the room between them, or what the other one leaves: two arms that stop
-                at once, each with the other as an obstacle.
+            velocity: (m,) its joint velocity; None is estimated from its last two positions, and each arm may then use
+                half of the margin between them.
 
         Raises:
             BadInput: NaN, wrong lengths, or degrees.
         """
-        self.q, m = self.believed(q), len(self.robot.names)
+        self.q, m = self.checked_positions(q), len(self.robot.names)
         self.velocity = np.zeros(m) if velocity is None else np.array(arrays.vector(velocity, m, "velocity"))
-        self.knows_velocity = velocity is not None
+        self.has_velocity = velocity is not None
 
-    def believed(self, q: ArrayLike, argument: str = "q") -> Array:
-        """Its joint positions (m,), copied; errors name the argument.
+    def checked_positions(self, q: ArrayLike, argument: str = "q") -> Array:
+        """Plausible joint positions (m,), copied; errors name the argument.
 
         Raises:
             BadInput: NaN, a wrong length, or a joint outside its range and two turns from zero.
         """
         positions = np.array(arrays.joint_vector(q, self.robot.names, argument))
-        refuse(not_believed(self.robot, positions, self._no_degrees), argument)
+        require_plausible(self.robot, positions, self._plausible, argument)
         return positions
 
 
-def parts_of(robot: Chain, bodies: Mapping[str, Sequence[Shape]], obstacles: Sequence[Shape | OtherArm]) -> list[Part]:
-    """All shapes, each with what moves it."""
-    parts: list[Part] = []
-    for link, shapes in bodies.items():
-        body, frame = frame_of(robot, link)
-        parts += [Part(link, shape, body, frame) for shape in shapes]
+def geoms_of(robot: Chain, bodies: Mapping[str, Sequence[Shape]], obstacles: Sequence[Shape | OtherArm]) -> list[Geom]:
+    """All shapes: of the arm's links, then of obstacles and other arms."""
+    geoms = [Geom(link, shape, *frame_of(robot, link)) for link, shapes in bodies.items() for shape in shapes]
     names, arms = list(bodies), 0
     for obstacle in obstacles:
-        if isinstance(obstacle, (Shape, OtherArm)) and obstacle.name in names:
+        if not isinstance(obstacle, (Shape, OtherArm)):
+            raise BadInput("obstacles", excerpt(obstacle), "a Sphere, Capsule, Box, HalfSpace, Mesh or OtherArm")
+        if obstacle.name in names:
             expected = "names of their own for obstacles, or none for shapes: these are numbered"
             raise BadInput("obstacles", f"a second body {obstacle.name!r}", expected)
         if isinstance(obstacle, OtherArm):
-            arms += 1
-            names.append(obstacle.name)
-            for link, shapes in obstacle.bodies.items():
-                body, frame = frame_of(obstacle.robot, link)
-                parts += [Part(f"{obstacle.name}/{link}", shape, body, frame, -arms) for shape in shapes]
-            continue
-        if not isinstance(obstacle, Shape):
-            raise BadInput("obstacles", excerpt(obstacle), "a Sphere, Capsule, Box, HalfSpace, Mesh or OtherArm")
-        name = obstacle.label
-        if not obstacle.name:
-            name = next(n for i in range(len(names) + 1) if (n := name if i == 0 else f"{name} {i + 1}") not in names)
+            arms, name = arms + 1, obstacle.name
+            geoms += [
+                Geom(f"{name}/{link}", shape, *frame_of(obstacle.robot, link), arms)
+                for link, shapes in obstacle.bodies.items()
+                for shape in shapes
+            ]
+        else:
+            name, number = obstacle.label, 1
+            while not obstacle.name and name in names:
+                number += 1
+                name = f"{obstacle.label} {number}"
+            geoms.append(Geom(name, obstacle, 0, None))
         names.append(name)
-        parts.append(Part(name, obstacle, 0, None, 1))
-    return parts
+    return geoms
 
 
 def frame_of(robot: Chain, name: str) -> tuple[int, Array]:
-    """How many joints move a link, and its (4, 4) frame at q = 0; as `Clearance` takes the names of bodies."""
+    """The number of joints that move a body named as in `Clearance`, and its (4, 4) frame at q = 0."""
     for link in robot.links:
         if link.name == name:
             return link.body, link.frame
@@ -166,21 +177,21 @@ def frame_of(robot: Chain, name: str) -> tuple[int, Array]:
 
 
 def chain_of(robot: Any) -> Chain:
-    """A robot that is known joint by joint."""
+    """The robot, checked to be a `Chain`."""
     if not isinstance(robot, Chain):
         raise BadInput("robot", excerpt(robot), "a robot that load_robot returned")
     return robot
 
 
 def shapes_of(robot: Chain, bodies: Mapping[str, Sequence[Shape]] | None) -> dict[str, list[Shape]]:
-    """The shapes of each link; those behind joints that this arm does not have are left out."""
+    """The shapes of each link; without `bodies`, those of the robot's description whose pose is known."""
     if bodies is None:
         unknown = {link.name for link in robot.links if link.unknown}
         return {name: shapes for name, shapes in bodies_of(robot).items() if name not in unknown}
     expected = "{link: [shapes in its frame]}"
     if not isinstance(bodies, Mapping):
         raise BadInput("bodies", excerpt(bodies), expected)
-    made: dict[str, list[Shape]] = {}
+    checked: dict[str, list[Shape]] = {}
     for link, shapes in bodies.items():
         if not isinstance(link, str):
             raise BadInput("bodies", excerpt(link), f"{expected}, links by name")
@@ -196,12 +207,12 @@ def shapes_of(robot: Chain, bodies: Mapping[str, Sequence[Shape]] | None) -> dic
                 "Meshes are for obstacles; capsules about a link's meshes are made where bodies= is left out.",
             )
         frame_of(robot, link)
-        made[link] = given
-    return made
+        checked[link] = given
+    return checked
 
 
 class Dropped(NamedTuple):
-    """A pair that is not kept apart, and why."""
+    """A pair of bodies that is not checked, and why."""
 
     first: str
     second: str
@@ -213,100 +224,101 @@ class Dropped(NamedTuple):
 
 def pairs_of(
     robot: Chain,
-    parts: Sequence[Part],
+    geoms: Sequence[Geom],
     pairs: Iterable[tuple[str, str]] | None,
     exclude: Iterable[tuple[str, str]] | str | PathLike[str],
 ) -> tuple[list[tuple[int, int]], tuple[Dropped, ...]]:
-    """The pairs of parts that are kept apart, by their numbers, and those of bodies that are not, as in `Clearance`."""
-    names = list(dict.fromkeys(part.name for part in parts))
-    wanted = None if pairs is None else {frozenset(pair) for pair in _named(pairs, "pairs", names)}
-    apart: Exclusions = excluded(robot, exclude if isinstance(exclude, (str, PathLike)) else None)
+    """The pairs of shapes that are checked, by index, and the pairs of bodies that are not, as in `Clearance`."""
+    names = list(dict.fromkeys(geom.name for geom in geoms))
+    chosen = None if pairs is None else {frozenset(pair) for pair in _checked_names(pairs, "pairs", names)}
+    excluded_pairs: Exclusions = excluded(robot, exclude if isinstance(exclude, (str, PathLike)) else None)
     if not isinstance(exclude, (str, PathLike)):
-        apart = {**apart, **{frozenset(pair): "excluded" for pair in _named(exclude, "exclude", names)}}
+        added = _checked_names(exclude, "exclude", names)
+        excluded_pairs = {**excluded_pairs, **{frozenset(pair): "excluded" for pair in added}}
     dropped: dict[tuple[str, str], str] = {}
-    kept = []
-    for i, j in combinations(range(len(parts)), 2):
-        a, b = parts[i], parts[j]
-        if a.around or a.name == b.name:
+    checked = []
+    for i, j in combinations(range(len(geoms)), 2):
+        a, b = geoms[i], geoms[j]
+        if not a.is_own_link or a.name == b.name:
             continue
-        if reason := _needless(robot, a, b, wanted, apart):
+        if reason := _drop_reason(robot, a, b, chosen, excluded_pairs):
             dropped[a.name, b.name] = reason
         else:
-            kept.append((i, j))
-    return kept, tuple(Dropped(*two, reason) for two, reason in dropped.items())
+            checked.append((i, j))
+    return checked, tuple(Dropped(*names, reason) for names, reason in dropped.items())
 
 
-def _needless(robot: Chain, a: Part, b: Part, wanted: set[frozenset[str]] | None, apart: Exclusions) -> str:
-    """Why two bodies need not be kept apart, "" where they must be."""
+def _drop_reason(robot: Chain, a: Geom, b: Geom, chosen: set[frozenset[str]] | None, excluded_pairs: Exclusions) -> str:
+    """Why a pair of a link and another body is not checked, "" if it is."""
     names = frozenset((a.name, b.name))
-    if wanted is not None:
-        return apart.get(names, "") if names in wanted else "not among the pairs given"
-    if names in apart:
-        return apart[names]
-    if b.around:
-        return "" if a.body else "no joint moves it"
-    if a.body == b.body:
+    if chosen is not None:
+        return excluded_pairs.get(names, "") if names in chosen else "not among the pairs given"
+    if names in excluded_pairs:
+        return excluded_pairs[names]
+    if not b.is_own_link:
+        return "" if a.joints else "no joint moves it"
+    if a.joints == b.joints:
         return "fixed to one another"
-    floor = Core.HALF_SPACE in (a.shape.core, b.shape.core)  # nobody's neighbour
-    if floor or abs(a.body - b.body) > 1:
+    is_half_space = Core.HALF_SPACE in (a.shape.core, b.shape.core)  # without neighbours
+    if is_half_space or abs(a.joints - b.joints) > 1:
         return ""
-    return f"neighbours at {robot.names[robot.joints.coordinates[max(a.body, b.body) - 1]]}"
+    return f"neighbours at {robot.names[robot.joints.coordinates[max(a.joints, b.joints) - 1]]}"
 
 
-def _named(pairs: Iterable[tuple[str, str]], argument: str, known: list[str]) -> list[tuple[str, str]]:
-    """Pairs of names, each of a body that is there."""
-    found = []
+def _checked_names(pairs: Iterable[tuple[str, str]], argument: str, known: list[str]) -> list[tuple[str, str]]:
+    """Pairs of names of known bodies."""
+    checked = []
     for pair in arrays.sequence(pairs, argument, "pairs of names, [(link, link), (link, obstacle), ...]"):
         if isinstance(pair, str) or not isinstance(pair, (list, tuple)) or len(pair) != 2:
             raise BadInput(argument, excerpt(pair), "the names of two bodies")
         for name in pair:
             if name not in known:
                 raise UnknownName("body", str(name), [], known)
-        found.append((pair[0], pair[1]))
-    return found
+        checked.append((pair[0], pair[1]))
+    return checked
 
 
 def engine_of(
     robot: Chain,
     arms: Sequence[OtherArm],
-    parts: Sequence[Part],
+    geoms: Sequence[Geom],
     pairs: Sequence[tuple[int, int]],
     distance: float,
     *,
-    chosen: bool,
+    keep_all: bool,
 ) -> Any:
-    """The engine's clearance of an arm, arms around it and parts; pairs of these that somebody chose all count."""
+    """The engine's clearance; `keep_all` keeps pairs that are always nearer than the distance."""
     m, free = len(robot.names), np.full(len(robot.names), np.inf)
     limits = np.array((robot.velocity_limit, free, robot.position_lower, robot.position_upper))
-    moved = [(*robot.joints[:2], limits, np.zeros(m), False)]
-    moved += [(*arm.robot.joints[:2], arm.limits, arm.turns, arm.brakes) for arm in arms]
-    before = np.cumsum([0, *(len(coordinates) for _, coordinates, *_ in moved)])
-    obstacles = sum(part.around == 1 for part in parts)
-    shapes, placed = [], 0
-    for part in parts:
-        other = max(-part.around, 0)
-        mover = placed if part.around == 1 else obstacles + other - 1 if other else -1
-        placed += part.around == 1
-        T = part.shape.placement if part.frame is None else part.frame.dot(part.shape.placement)
-        shapes.append((before[other] + part.body if part.body else 0, mover, *part.at(T).numbers))
-    of_bodies = {two: k for k, two in enumerate(dict.fromkeys((parts[i].name, parts[j].name) for i, j in pairs))}
-    table = [(i, j, of_bodies[parts[i].name, parts[j].name]) for i, j in pairs]
+    engine_arms = [(*robot.joints[:2], limits, np.zeros(m), False)]
+    engine_arms += [(*arm.robot.joints[:2], arm.limits, arm.turns, arm.brakes) for arm in arms]
+    first_joint = np.cumsum([0, *(len(coordinates) for _, coordinates, *_ in engine_arms)])
+    obstacles = sum(geom.is_obstacle for geom in geoms)
+    shapes, obstacle = [], 0
+    for geom in geoms:
+        mover = obstacle if geom.is_obstacle else obstacles + geom.arm - 1 if geom.arm else -1
+        obstacle += geom.is_obstacle
+        T = geom.shape.placement if geom.frame is None else geom.frame.dot(geom.shape.placement)
+        shapes.append((first_joint[geom.arm] + geom.joints if geom.joints else 0, mover, *geom.at(T).numbers))
+    names = [(geoms[i].name, geoms[j].name) for i, j in pairs]
+    number = {pair: k for k, pair in enumerate(dict.fromkeys(names))}
+    table = [(i, j, number[pair]) for (i, j), pair in zip(pairs, names, strict=True)]
     return law.Clearance(
         distance,
-        moved,
+        engine_arms,
         np.array(shapes, float).reshape(-1, 19),
         np.array(table, float).reshape(-1, 3),
         obstacles,
-        chosen,
-        _places_of(tuple(parts)) if any(part.shape.mesh is not None for part in parts) else None,
+        keep_all,
+        _mesh_witnesses(tuple(geoms)) if any(geom.shape.mesh is not None for geom in geoms) else None,
     )
 
 
-def _places_of(parts: tuple[Part, ...]) -> Callable[[int, int, Array, Array], Array]:
-    """What finds (k, 7) distance, normal and point of each place of two parts, one a mesh, at poses (4, 4) of both."""
+def _mesh_witnesses(geoms: tuple[Geom, ...]) -> Callable[[int, int, Array, Array], Array]:
+    """A function that returns (k, 7) distance, normal and point of the witnesses of a mesh and another shape."""
 
-    def found(i: int, j: int, one: Array, other: Array) -> Array:
-        near = distances(parts[i].at(one[0]), parts[j].at(other[0]))
+    def witnesses(i: int, j: int, first: Array, second: Array) -> Array:
+        near = distances(geoms[i].at(first[0]), geoms[j].at(second[0]))
         return np.array([(place.distance, *place.normal, *place.point) for place in near]).reshape(-1, 7)
 
-    return found
+    return witnesses

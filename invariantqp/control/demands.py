@@ -1,13 +1,12 @@
-"""What a controller meets exactly, as values; the rest of the twist is least squares.
+"""Exact demands of a controller; the rest of the twist is least squares.
 
-    ExactTwist    (omega; v) = gain log(T_d T^-1) + twist_d              the whole twist, which limits scale
-    ExactPoint    v + omega x p = gain (p_d - p) + v_d(p_d)              a point of the tool follows its target
-    ExactAxis     omega without its part about the axis a                a direction of the tool follows its target
-    ExactPlane    n.(v + omega x p) = gain n.(p_d - p) + n.v_d(p_d)      a point keeps its target's height over a plane
+    ExactTwist    (omega; v) = gain log(T_d T^-1) + twist_d              the whole twist
+    ExactPoint    v + omega x p = gain (p_d - p) + v_d(p_d)              a point of the tool
+    ExactAxis     omega without its part about the axis a                a direction of the tool
+    ExactPlane    n.(v + omega x p) = gain n.(p_d - p) + n.v_d(p_d)      the height of a point over a plane
     ExactJoints   A x = b                                                a fixed combination of joint velocities
 
-Each becomes rows on the joint velocity in every tick; limits that forbid them slow the motion down along the same
-direction.
+Each is rows on the joint velocity of a tick. Limits scale their speed and keep their direction.
 """
 
 from __future__ import annotations
@@ -27,20 +26,20 @@ from invariantqp.geometry.se3 import shortest_turn, velocity_at
 from invariantqp.robots.kinematics import Robot, Sighting
 from invariantqp.velocity.exact import ExactRows
 
-# Random states in which rows are counted: one that is not singular is enough.
-STATES = 4
-# A singular value of rows below this share of the terms they sum is rounding, that of a rounded robot model included.
-ROW_TOLERANCE = 1e-5
+# Number of random joint positions in which the rank of rows is measured: one that is not singular is enough.
+RANK_SAMPLES = 4
+# Singular values of scaled rows below this are rounding, of rounded numbers in a robot description too.
+RANK_TOLERANCE = 1e-5
 
 
 class View(NamedTuple):
-    """What a demand reads of one tick.
+    """The inputs of a demand in one tick.
 
     Attributes:
         robot: the arm.
-        sighting: its state, as `robot.sight` returned it.
-        target: where its tool should be, as `robot.target` gave it.
-        gain: [1/s].
+        sighting: its state, from `robot.sight`.
+        target: the target of its tool, from `robot.target`.
+        gain: tracking gain [1/s].
         feedforward: (6,) twist of the target, base frame.
     """
 
@@ -51,12 +50,12 @@ class View(NamedTuple):
     feedforward: Array
 
 
-# The demands that have a name.
+# Demands given by a name.
 Named = Literal["position", "twist"]
 
 
 class Exact(Protocol):
-    """A demand on the tool or the joints, met exactly in every tick; implement it to bring one."""
+    """A demand on the tool or the joints that is met exactly in every tick; the protocol for a demand of your own."""
 
     def rows(self, view: View) -> ExactRows:
         """The rows of this tick."""
@@ -65,10 +64,10 @@ class Exact(Protocol):
 
 @frozen(eq=False, repr=False, slots=False)
 class ExactTwist(Value):
-    """The whole twist is followed exactly: limits scale its speed, and the tool stays on the same screw.
+    """The whole twist is exact: limits scale its speed, and the tool stays on the same screw.
 
-    It needs an arm that moves its tool in all six directions. A joint at its position limit stops the tool while the
-    twist pushes it further; an arm that stretches out stops before it is singular.
+    The arm must move its tool in all six directions. The tool stops while the twist pushes a joint against its position
+    limit, and before the arm is singular.
     """
 
     def rows(self, view: View) -> ExactRows:
@@ -79,7 +78,7 @@ class ExactTwist(Value):
 
 @frozen(init=False, eq=False, repr=False, slots=False)
 class ExactPoint(Value):
-    """A point of the tool follows its target exactly.
+    """A point of the tool tracks its target exactly.
 
     Attributes:
         point: (3,) in the tool frame [length]; its origin by default.
@@ -88,19 +87,19 @@ class ExactPoint(Value):
     point: Array = field(converter=own)
 
     def __init__(self, point: ArrayLike = (0.0, 0.0, 0.0)) -> None:
-        """As its attributes."""
+        """See the attributes."""
         self.__attrs_init__(arrays.vector(point, 3, "point"))
 
     def rows(self, view: View) -> ExactRows:
         """The velocity of the point, three rows."""
-        here, there = view.robot.points(view.sighting, view.target, self.point)
-        b = view.gain * (there - here) + velocity_at(view.feedforward, there)
-        return ExactRows.point(view.sighting.J, here, b)
+        p, target = view.robot.points(view.sighting, view.target, self.point)
+        b = view.gain * (target - p) + velocity_at(view.feedforward, target)
+        return ExactRows.point(view.sighting.J, p, b)
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
 class ExactAxis(Value):
-    """A direction of the tool follows its target exactly; the turn about it is left free.
+    """A direction of the tool tracks its target exactly; the rotation about it is free.
 
     Attributes:
         axis: (3,) unit direction in the tool frame.
@@ -113,17 +112,17 @@ class ExactAxis(Value):
         self.__attrs_init__(arrays.direction(axis, "axis"))
 
     def rows(self, view: View) -> ExactRows:
-        """The angular velocity across the axis, two rows."""
-        roots = view.robot.points(view.sighting, view.target, np.zeros(3))
+        """The angular velocity perpendicular to the axis, two rows."""
+        origins = view.robot.points(view.sighting, view.target, np.zeros(3))
         tips = view.robot.points(view.sighting, view.target, self.axis)
-        here, there = tips[0] - roots[0], tips[1] - roots[1]
-        turn = shortest_turn(here, there)
-        return ExactRows.axis(view.sighting.J, here, view.gain * turn + view.feedforward[:3])
+        axis, target_axis = tips[0] - origins[0], tips[1] - origins[1]
+        rotation = shortest_turn(axis, target_axis)
+        return ExactRows.axis(view.sighting.J, axis, view.gain * rotation + view.feedforward[:3])
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
 class ExactPlane(Value):
-    """A point of the tool keeps its target's height over a plane exactly; its motion along the plane is left free.
+    """A point of the tool keeps its target's height over a plane exactly; its motion along the plane is free.
 
     Attributes:
         normal: (3,) unit normal of the plane, in the base frame.
@@ -140,14 +139,14 @@ class ExactPlane(Value):
     def rows(self, view: View) -> ExactRows:
         """The speed of the point along the normal, one row."""
         n = self.normal
-        here, there = view.robot.points(view.sighting, view.target, self.point)
-        speed = n.dot(view.gain * (there - here) + velocity_at(view.feedforward, there))
-        return ExactRows.plane(view.sighting.J, here, n, float(speed))
+        p, target = view.robot.points(view.sighting, view.target, self.point)
+        speed = n.dot(view.gain * (target - p) + velocity_at(view.feedforward, target))
+        return ExactRows.plane(view.sighting.J, p, n, float(speed))
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
 class ExactJoints(Value):
-    """A fixed combination of joint velocities: A x = b; b = 0 keeps A q where it is.
+    """A fixed combination of joint velocities, A x = b; b = 0 keeps A q constant.
 
     Attributes:
         A: (k, m).
@@ -158,7 +157,7 @@ class ExactJoints(Value):
     b: Array = field(converter=own)
 
     def __init__(self, A: ArrayLike, b: ArrayLike = 0.0) -> None:
-        """Rows (k, m), or (m,) for one, and (k,) numbers, or one for all."""
+        """See the attributes; A is also (m,) for one row, b one number for all rows."""
         rows = arrays.array(A, "A", "a (k, m) matrix")
         rows = rows.reshape(1, -1) if rows.ndim == 1 else rows
         demands = arrays.array(b, "b", "k numbers")
@@ -168,7 +167,7 @@ class ExactJoints(Value):
         self.__attrs_init__(np.asarray(checked.A), np.asarray(checked.b))
 
     def rows(self, view: View) -> ExactRows:
-        """The rows as they are."""
+        """The rows A, b."""
         m = len(view.robot.names)
         if self.A.shape[1] != m:
             raise BadInput("exact", f"rows on {self.A.shape[1]} joints", f"rows on {m}, one for each joint")
@@ -176,26 +175,26 @@ class ExactJoints(Value):
 
 
 def demand_fields(demands: tuple[Exact, ...]) -> tuple[tuple[str, Any, Any], ...] | None:
-    """The demands as the engine takes them; None where one is of another kind, which is asked in each tick."""
-    found: list[tuple[str, Any, Any]] = []
+    """The demands as the engine takes them; None if one is the user's own, whose rows are called for in each tick."""
+    fields: list[tuple[str, Any, Any]] = []
     for demand in demands:
         if type(demand) is ExactTwist:
-            found.append(("twist", None, None))
+            fields.append(("twist", None, None))
         elif type(demand) is ExactPoint:
-            found.append(("point", demand.point, None))
+            fields.append(("point", demand.point, None))
         elif type(demand) is ExactAxis:
-            found.append(("axis", demand.axis, None))
+            fields.append(("axis", demand.axis, None))
         elif type(demand) is ExactPlane:
-            found.append(("plane", demand.point, demand.normal))
+            fields.append(("plane", demand.point, demand.normal))
         elif type(demand) is ExactJoints:
-            found += [("joints", row, float(b)) for row, b in zip(demand.A, demand.b, strict=True)]
+            fields += [("joints", row, float(b)) for row, b in zip(demand.A, demand.b, strict=True)]
         else:
             return None
-    return tuple(found)
+    return tuple(fields)
 
 
 def require_rows(rows: object, m: int) -> None:
-    """Refuse what is not exact rows on m joints."""
+    """Raise BadInput for anything but exact rows on m joints."""
     if not isinstance(rows, ExactRows):
         raise BadInput("rows", excerpt(rows), "ExactRows(A, b)")
     if np.shape(rows.A)[1] != m:
@@ -203,25 +202,25 @@ def require_rows(rows: object, m: int) -> None:
 
 
 def demands_of(exact: Exact | ExactRows | Sequence[Exact | ExactRows | Named] | Named | None) -> tuple[Exact, ...]:
-    """The demands as a tuple.
+    """The argument exact= as demands.
 
     "position" is an ExactPoint at the tool frame's origin, "twist" an ExactTwist, ExactRows are ExactJoints.
     """
     if exact is None:
         return ()
-    several: tuple[Any, ...] = tuple(exact) if isinstance(exact, (list, tuple)) else (exact,)
     by_name: dict[str, Exact] = {"position": ExactPoint(), "twist": ExactTwist()}
-    meant: list[Any] = [by_name.get(one, one) if isinstance(one, str) else one for one in several]
-    demands = tuple(ExactJoints(one.A, one.b) if isinstance(one, ExactRows) else one for one in meant)
-    for one in demands:
-        if isinstance(one, type) or not hasattr(one, "rows"):
+    demands: list[Exact] = []
+    for one in exact if isinstance(exact, (list, tuple)) else (exact,):
+        demand: Any = by_name.get(one, one) if isinstance(one, str) else one
+        if isinstance(demand, type) or not (isinstance(demand, ExactRows) or hasattr(demand, "rows")):
             expected = '"position", "twist", an ExactPoint, ExactAxis, ExactRows, ... or several of them'
-            raise BadInput("exact", excerpt(one), expected)
-    return demands
+            raise BadInput("exact", excerpt(demand), expected)
+        demands.append(ExactJoints(demand.A, demand.b) if isinstance(demand, ExactRows) else demand)
+    return tuple(demands)
 
 
 def require_all_directions(demands: tuple[Exact, ...], robot: Robot) -> None:
-    """Refuse an ExactTwist of an arm that does not move its tool in all six directions."""
+    """Raise BadInput for an ExactTwist on an arm that does not move its tool in all six directions."""
     if not any(isinstance(demand, ExactTwist) for demand in demands):
         return
     m, k = len(robot.names), row_rank((ExactTwist(),), robot)
@@ -236,32 +235,31 @@ def require_all_directions(demands: tuple[Exact, ...], robot: Robot) -> None:
 
 
 def row_rank(demands: tuple[Exact, ...], robot: Robot) -> int:
-    """How many independent rows the arm can keep in its best state.
+    """The largest rank of the rows over random joint positions; a lower rank in a tick is a singularity.
 
-    A point of a hinge moves along one direction, one of a spherical wrist on a sphere, in every state: three exact rows
-    are then one or two, and no singularity.
+    A point of a single hinge moves along one direction in every state: its three rows have rank one.
     """
     lower, upper = np.maximum(robot.position_lower, -np.pi), np.minimum(robot.position_upper, np.pi)
     rng = np.random.default_rng(0)
-    best, rows = 0, ExactRows(np.zeros((1, len(lower))), np.zeros(1))
-    for _ in range(STATES):
+    rank = 0
+    for _ in range(RANK_SAMPLES):
         q = rng.uniform(np.minimum(lower, upper), np.maximum(lower, upper))
         target = robot.target(robot.pose(q))
         rows = rows_of(demands, View(robot, robot.sight(q, target), target, 1.0, np.zeros(6)))
         sizes = np.abs(rows.A)
         if rows.of_twist is not None:  # the size of the terms that A = D J sums
             sizes = np.maximum(sizes, np.abs(rows.of_twist).dot(np.abs(robot.jacobian(q))))
-        joint = sizes.max(axis=0)  # hinges and slides have units of their own, and so have rows
-        joint[joint == 0.0] = 1.0
-        row = (sizes / joint).max(axis=1, keepdims=True)
-        row[row == 0.0] = 1.0
-        best = max(best, int(np.linalg.matrix_rank(rows.A / joint / row, tol=ROW_TOLERANCE)))
-    return best
+        columns = sizes.max(axis=0)  # scaled: hinges, slides and rows have different units
+        columns[columns == 0.0] = 1.0
+        scales = (sizes / columns).max(axis=1, keepdims=True)
+        scales[scales == 0.0] = 1.0
+        rank = max(rank, int(np.linalg.matrix_rank(rows.A / columns / scales, tol=RANK_TOLERANCE)))
+    return rank
 
 
 def rows_of(demands: tuple[Exact, ...], view: View, more: ExactRows | None = None) -> ExactRows:
-    """All rows of one tick together, and `more`; there is at least one demand."""
-    together = demands[0].rows(view)
+    """The rows of at least one demand in a tick, and `more`."""
+    rows = demands[0].rows(view)
     for demand in demands[1:]:
-        together = together.with_rows(demand.rows(view))
-    return together if more is None else together.with_rows(more)
+        rows = rows.with_rows(demand.rows(view))
+    return rows if more is None else rows.with_rows(more)

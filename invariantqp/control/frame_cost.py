@@ -1,4 +1,4 @@
-"""The cost of a frame's error for programs that solve their own QP, measured at a physical point of the frame.
+"""The quadratic cost of a frame's error for libraries that solve their own QP, measured at a physical point.
 
     minimise 1/2 dq'H dq + c'dq,   H = A'A + mu I,   c = -A'b,   A = R J,   b = gain R e
     |R e|^2 = position_cost^2 |v at the point|^2 + orientation_cost^2 |omega|^2
@@ -8,10 +8,9 @@ H and c are those of the law in `velocity/definition.py` for a twist by itself, 
 form replaces them as it does there: H = G + mu I, c = -G x_h, with the damping in G and x_h instead of mu. Joint
 velocities that do not move the frame cost 1e-10 |A|^2, so that H has an inverse.
 
-What the adapters to Pink and to mink have in common: arguments, setters and the quadratic. Both libraries give the
-error e = log(current^-1 target) and its derivative -Jlog J in the frame. A change of frame carries both like any
-twist, so with the point named the quadratic is the same in every frame on the link, also inside limits. With the costs
-of a FrameTask and its frame's origin as the point it is the FrameTask's own.
+The adapters to Pink and to mink share these arguments, setters and the quadratic. Both libraries give the error
+e = log(current^-1 target) and its derivative -Jlog J in the frame. With a given point the quadratic is the same in
+every frame on the link. With the costs of a FrameTask and its frame's origin as the point it is the FrameTask's own.
 
 Reference: Caron et al., Pink (pin-pink); Zakka, mink; [DS] Sect. 6.2 for forms.
 """
@@ -39,16 +38,16 @@ from invariantqp.velocity.problem import form_fields, no_projector
 
 
 class FrameOptions(TypedDict, total=False):
-    """What a frame task takes beside the arguments of the library's own.
+    """Arguments of a frame task in addition to the library's own.
 
-    form: what is attempted of a twist that the joints cannot do, in the world frame: None is least squares at the
-        point; a pitch h [length/rad], a PitchForm, a Complement or a definite form of yours is what `solve_velocity`
-        makes of it, where no limit is active. A CarriedMetric replaces point, length and orientation cost.
-    point: (3,) in the frame; None is the frame's origin, where the library measures; "own" is the arm's own point.
+    form: how a twist beyond the joints is projected, in the world frame: None is least squares at the point; a pitch h
+        [length/rad], a PitchForm, a Complement or a definite form, as in `solve_velocity`, while no limit is active. A
+        CarriedMetric replaces point, length and orientation cost.
+    point: (3,) in the frame; None is the frame's origin, as in the library; "own" is the arm's own point.
     length: L [length/rad] instead of an orientation cost; None is the arm's reach to the point.
-    damping: lambda >= 0. Without a form lambda^2 |dq|^2 is added [length], with a pitch form it is that of
+    damping: lambda >= 0. Without a form lambda^2 |dq|^2 is added [length]; with a pitch form as in
         `systems.damped_pseudoinverse`. None is 0: near a singularity, joints are then as fast as limits allow.
-    guard: True or a `Guard` shortens what a form attempts, so that the error decreases where no limit is active.
+    guard: True or a `Guard` shortens a form's projection so that the error decreases while no limit is active.
     """
 
     form: Form | CarriedMetric | float | None
@@ -59,17 +58,16 @@ class FrameOptions(TypedDict, total=False):
 
 
 class FrameCost:
-    """The part of a frame task that Pink and mink share; a task inherits from it and from their FrameTask.
+    """Base of the frame tasks for Pink and mink; a task inherits from it and from the library's FrameTask.
 
     Attributes:
-        form: what is attempted of a twist that the joints cannot do, or a CarriedMetric; None is least squares at the
-            point.
+        form: how a twist beyond the joints is projected, or a CarriedMetric; None is least squares at the point.
         point: (3,) in the frame [length], or "own".
-        length: L [length/rad] while there is no orientation cost; None is the arm's reach to the point.
+        length: L [length/rad], without an orientation cost; None is the arm's reach to the point.
         damping: lambda.
         guard: the descent guard of a form, or None.
-        cost: (6,) costs along the axes of the frame: of position [cost/length], then of orientation [cost/rad]. The
-            latter are NaN until they are given or a configuration has given the reach.
+        cost: (6,) costs along the axes of the frame: of position [cost/length], then of orientation [cost/rad]; NaN
+            until they are given or computed from the reach.
         gain: share of the error removed in a step.
         lm_damping: lm_damping |b|^2 |dq|^2 is added.
     """
@@ -83,7 +81,7 @@ class FrameCost:
     gain: float
     lm_damping: float
     _by_length: bool
-    _measured: tuple[tuple[object, object, object], float]  # what the length depends on, and the length
+    _measured: tuple[tuple[object, object, object], float]  # (model, point, length), and the length
 
     def _take(
         self,
@@ -97,7 +95,7 @@ class FrameCost:
         damping: float | None = None,
         guard: Guard | bool = True,
     ) -> None:
-        """Check and keep our own arguments; the library's constructor then sets costs, gain and lm_damping."""
+        """Check and store these arguments; the library's constructor then sets costs, gain and lm_damping."""
         self.form = form_of(form)
         if not isinstance(self.form, CarriedMetric):
             form_fields(self.form)
@@ -115,38 +113,38 @@ class FrameCost:
         self._measured = (None, None, None), 0.0
 
     def set_position_cost(self, position_cost: float | Sequence[float] | Array) -> None:
-        """Set what a unit of length costs; what a radian costs follows as long as it was not given.
+        """Set the position cost; the orientation cost follows unless it was given.
 
         Args:
             position_cost: a number, or (3,) along the axes of the frame [cost/length].
 
         Raises:
-            BadInput: negative, NaN, another shape; (3,) where no orientation cost was given.
+            BadInput: negative, NaN, another shape; (3,) without an orientation cost.
         """
         costs = _costs(position_cost, "position_cost")
         if self._by_length and np.ptp(costs) > 0.0:
-            remedy = "Say orientation_cost too: what a radian costs has no one answer."
+            remedy = "Give orientation_cost too."
             raise BadInput("position_cost", "(3,) without an orientation cost", "a number", remedy)
         self.cost[:3] = costs
         if self._by_length:
             self.cost[3:] = np.nan
 
     def set_orientation_cost(self, orientation_cost: float | Sequence[float] | Array | None) -> None:
-        """Set what a radian costs.
+        """Set the orientation cost.
 
         Args:
-            orientation_cost: a number, or (3,) about the axes of the frame [cost/rad]; None is L times what a unit of
-                length costs.
+            orientation_cost: a number, or (3,) about the axes of the frame [cost/rad]; None is L times the position
+                cost.
 
         Raises:
-            BadInput: negative, NaN, another shape; with a CarriedMetric, which is the whole measure.
+            BadInput: negative, NaN, another shape; a cost with a CarriedMetric.
         """
         if orientation_cost is None:
             self._by_length = True
             self.set_position_cost(self.cost[:3])
             return
         if isinstance(self.form, CarriedMetric):
-            raise BadInput("orientation_cost", "a cost beside a CarriedMetric", "none: it says what a radian costs")
+            raise BadInput("orientation_cost", "a cost with a CarriedMetric", "none: the metric includes it")
         self.cost[3:] = _costs(orientation_cost, "orientation_cost")
         self._by_length = False
 
@@ -159,16 +157,16 @@ class FrameCost:
         raise NotImplementedError
 
     def _quadratic(self, configuration: Any, error: Array, jacobian: Array) -> tuple[Array, Array]:
-        """(H, c) for a state.
+        """(H, c) in a configuration.
 
         Args:
-            configuration: the library's; the reach is measured anew when its model is another object.
+            configuration: the library's.
             error: (6,) log(current^-1 target), in the frame, linear part first.
-            jacobian: (6, nv) of the error, likewise: minus what a joint moves the frame by.
+            jacobian: (6, nv) derivative of the error.
         """
-        of = configuration.model, self.point, self.length
-        if not all(map(is_, self._measured[0], of)):
-            self._measured = of, ToolMeasure(self._chain(of[0]), self.point, self.length).length
+        key = configuration.model, self.point, self.length
+        if not all(map(is_, self._measured[0], key)):
+            self._measured = key, ToolMeasure(self._chain(key[0]), self.point, self.length).length
         if self._by_length:
             self.cost[3:] = self._measured[1] * self.cost[:3]
         unit = float(self.cost[:3].max()) or float(self.cost[3:].max())
@@ -177,16 +175,16 @@ class FrameCost:
         fields = self._fields(unit, configuration)
         try:
             H, c = law.frame_cost(jacobian, error, gain=self.gain, lm_damping=self.lm_damping, **fields)
-        except (ArithmeticError, ValueError) as refusal:
+        except (ArithmeticError, ValueError) as error_of_engine:
             arrays.twist(error, "target" if np.isfinite(self._pose(configuration)).all() else "configuration")
             J = arrays.columns(-jacobian[SWAPPED], "configuration")
-            if isinstance(refusal, ArithmeticError):
+            if isinstance(error_of_engine, ArithmeticError):
                 raise no_projector(J, self.form) from None
-            raise BadInput("the task", str(refusal), "numbers that can be computed with") from None
+            raise BadInput("the task", str(error_of_engine), "numbers that can be computed with") from None
         return H, c
 
     def _fields(self, unit: float, configuration: Any) -> dict[str, Any]:
-        """Measure, form, damping and guard as the engine takes them, in the frame; a unit of length costs `unit`."""
+        """Measure, form, damping and guard as the engine takes them, in the frame; `unit` is the position cost."""
         if isinstance(self.form, CarriedMetric):
             pose = self._pose(configuration)
             root = unit * self.form.root(pose).dot(adjoint(pose, check=False))
@@ -195,7 +193,7 @@ class FrameCost:
         if self.form is None:
             return at_point | {"damping": unit * self.damping}
         if not self.cost.all():
-            raise BadInput("form", "a form beside a cost of zero", "costs above zero", "Leave the form out.")
+            raise BadInput("form", "a form with a cost of zero", "costs above zero", "Leave the form out.")
         kind, value = form_fields(self.form)["form"]
         if kind == "complement":
             value = adjoint(inverse(self._pose(configuration), check=False), check=False).dot(value)

@@ -1,4 +1,4 @@
-"""The measure of a controller: at a point of the tool, at the arm's own point, or by a metric carried by a body."""
+"""The size of twists in a controller: at a point of the tool, at the arm's own point, or by a carried metric."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.control.target import Target, root_of
+from invariantqp.control.target import Target, constrained_root
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
@@ -33,36 +33,41 @@ class ToolMeasure:
         length: float | None = None,
         carried: CarriedMetric | None = None,
     ) -> None:
-        """Choose once, in the middle of the joint range.
+        """A measure that is determined in the middle of the joint range.
 
-        The point is (3,) in the tool frame, None its origin, "own" the arm's own point; the length L, None the arm's
-        reach to it; or a metric is carried by a body, or by the tool.
+        Args:
+            robot: the arm.
+            point: (3,) in the tool frame; None is its origin, "own" the arm's own point.
+            length: L; None is the arm's reach to the point.
+            carried: a metric carried by a body, instead of point and length.
         """
         self.point: Array | None = point_of(point)
         mid = middle(require_robot(robot))
         J = robot.jacobian(mid)
-        there = own_point(J) if self.point is None else robot.pose(mid).dot([*self.point.tolist(), 1.0])[:3]
-        given = None if length is None else arrays.number(length, "length", "a length", positive=True)
-        self.length: float = length_at(J, there) if given is None else given
+        if length is None:
+            place = own_point(J) if self.point is None else robot.pose(mid).dot([*self.point.tolist(), 1.0])[:3]
+            self.length: float = length_at(J, place)
+        else:
+            self.length = arrays.number(length, "length", "a length", positive=True)
         self.carried = carried
 
     @property
     def radian(self) -> float:
-        """The size of a turn by one radian: L, or of turns about a metric's own centre, in the mean of all axes."""
+        """The size of a rotation by one radian: L; of a metric, the mean over all axes through its centre."""
         if self.carried is None:
             return self.length
         W = self.carried.matrix
-        turns = W[:3, :3] - W[:3, 3:].dot(np.linalg.solve(W[3:, 3:], W[3:, :3]))  # the same wherever the metric is
+        turns = W[:3, :3] - W[:3, 3:].dot(np.linalg.solve(W[3:, 3:], W[3:, :3]))  # independent of the metric's frame
         return sqrt(float(np.trace(turns)) / 3.0)
 
     def root_for(self, J: Array, pose: Any, at: Array | None = None, part: Target | None = None) -> Array:
         """(6, 6) root of the metric for joint twists J (6, m) and the tool at `pose`; `at` (3,) replaces the point.
 
-        Of a target that leaves something free, (k, 6) of the part that counts, measured at its own point.
+        For a partial target, (k, 6) of its constrained directions, measured at its point.
         """
         if part is not None:
             T = _homogeneous(pose)
-            return root_of(part, self.root_for(J, T, T[:3, :3].dot(part.tool_point) + T[:3, 3]), T)
+            return constrained_root(part, self.root_for(J, T, T[:3, :3].dot(part.tool_point) + T[:3, 3]), T)
         if self.carried is not None:
             return self.carried.root(_homogeneous(pose) if self.carried.follows_tool else None)
         if at is None and self.point is not None:
@@ -72,7 +77,7 @@ class ToolMeasure:
 
 
 def point_of(point: ArrayLike | str | None) -> Array | None:
-    """(3,) a point in a frame, None for its origin; of "own", the arm's own point, None."""
+    """The argument point= as (3,) in its frame; None for "own", the arm's own point."""
     if isinstance(point, str) and point != "own":
         raise BadInput("point", excerpt(point), '"own" or (3,) in the frame')
     return None if isinstance(point, str) else np.zeros(3) if point is None else arrays.vector(point, 3, "point")

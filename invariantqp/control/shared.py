@@ -1,9 +1,9 @@
-"""Shared control: a robot and an operator move one tool, and neither disturbs what the other does.
+"""Shared control: a robot and an operator move one tool without disturbing each other.
 
     s = P1 s_robot + P2 s_operator,    P1 S2 = 0,   P2 S1 = 0
 
-P1 projects on S1 along S2 + R, P2 on S2 along S1 + R. R holds the twists that neither may use: none where S1 and S2
-fill six dimensions, else those h-reciprocal, or orthogonal in a metric, to S1 and S2 together.
+P1 projects on S1 along S2 + R, P2 on S2 along S1 + R. R has the twists that neither may use: none if S1 and S2 span six
+dimensions, else the twists h-reciprocal, or orthogonal in a metric, to both.
 
 Reference: [DS] Sect. 6.1 (projectors along a complement).
 """
@@ -28,12 +28,12 @@ from invariantqp.systems.subspaces import Subspace, screw_system
 
 @frozen(init=False, eq=False, repr=False, slots=False)
 class SharedTask(Value):
-    """One tool that a robot moves along S1 and an operator along S2.
+    """A tool that a robot moves along S1 and an operator along S2.
 
     Attributes:
         S1: (6, m) twists the robot moves along, base frame.
-        S2: (6, n) twists the operator moves along, or None for all that h or the metric leaves, S1^{perp h}.
-        h: pitch [length/rad] for what neither may move, or None.
+        S2: (6, n) twists the operator moves along, or None for the complement of S1 in h or the metric.
+        h: pitch [length/rad] that defines R, or None.
         metric: (6, 6) positive definite, base frame, instead of h, or None.
         robot_projector: (6, 6) P1.
         operator_projector: (6, 6) P2.
@@ -47,11 +47,11 @@ class SharedTask(Value):
     operator_projector: Array = field(converter=own, repr=False)
 
     def __init__(self, S1: ArrayLike, S2: ArrayLike | None = None, h: float | None = None, metric: Any = None) -> None:
-        """As its attributes, or a CarriedMetric; neither h nor metric is needed where S1 and S2 fill six dimensions.
+        """See the attributes; metric= also takes a CarriedMetric. S1 and S2 that span all twists need no h or metric.
 
         Raises:
             BadInput: S1 and S2 share a twist, both h and metric, or neither where one is needed.
-            NoProjectors: h does not do for S1, or for S1 and S2 together.
+            NoProjectors: h has no projectors for S1, or for S1 and S2 together.
         """
         twists = arrays.columns(S1, "S1")
         others = None if S2 is None else arrays.columns(S2, "S2")
@@ -68,12 +68,12 @@ class SharedTask(Value):
         self.__attrs_init__(twists, others, pitch, M, robot, operator)
 
     def twist(self, robot: ArrayLike, operator: ArrayLike) -> Array:
-        """The (6,) twist of the tool for what each of the two wants, (6,) twists in the base frame."""
+        """(6,) the twist of the tool from the desired twists (6,) of both, base frame."""
         s1, s2 = arrays.twist(robot, "robot"), arrays.twist(operator, "operator")
         return np.asarray(self.robot_projector.dot(s1) + self.operator_projector.dot(s2))
 
     def moved(self, pose: ArrayLike) -> SharedTask:
-        """The same task after a (4, 4) rigid motion of both systems; nothing is projected again."""
+        """The same task after a rigid motion (4, 4) of both systems."""
         T = arrays.pose(pose)
         A, B = se3.adjoint(T, check=False), se3.coadjoint(T, check=False)
         moved = SharedTask.__new__(SharedTask)
@@ -89,7 +89,7 @@ class SharedTask(Value):
 
 
 def _project(first: Array, second: Array, rule: dict[str, Any]) -> tuple[Array, Array]:
-    """P1 and P2 where S1, S2 and what is left over fill six dimensions together."""
+    """P1 and P2 for S1 and S2."""
     joined = np.hstack((first, second))
     if Subspace(joined).dimension < joined.shape[1]:
         found = f"systems of {first.shape[1]} and {second.shape[1]} dimensions that share a twist"

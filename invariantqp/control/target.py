@@ -1,4 +1,4 @@
-"""A target that leaves a part of the tool's pose free: a point, a direction, or both without the turn about it."""
+"""Partial targets: the position of a point, the direction of an axis, or both without the rotation about the axis."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 
-# Point, axis, tool_point and tool_axis, as the engine takes them; axes of unit length.
+# Point, axis, tool_point and tool_axis as the engine takes them; unit axes.
 TargetFields: TypeAlias = tuple[Any, Any, Array, Array]
-# What is a target, in messages.
+# Kinds of targets, in messages.
 TARGETS = "a (4, 4) pose, a pinocchio.SE3, a point (3,), or an iq.Target"
 TOOL_ORIGIN, TOOL_Z = own(np.zeros(3)), own(np.array([0.0, 0.0, 1.0]))
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
 class Target(Value):
-    """Where a point of the tool is to be, and where an axis of the tool is to point; all else is free.
+    """A partial target: the position of a point of the tool, the direction of an axis of the tool, or both.
 
     Attributes:
         point: (3,) in the base frame [length], or None: the position is free.
@@ -63,20 +63,20 @@ class Target(Value):
 
     @property
     def size(self) -> int:
-        """How many directions of a twist count: three of the point, two of the axis."""
+        """The number of constrained directions: three of the point, two of the axis."""
         return (0 if self.point is None else 3) + (0 if self.axis is None else 2)
 
 
-def _place(pose: Array, point: Array) -> Array:
-    """(3,) where a point (3,) of a frame is whose pose (4, 4) is known."""
-    place: Array = pose[:3, :3].dot(point) + pose[:3, 3]
-    return place
+def _transformed(pose: Array, point: Array) -> Array:
+    """(3,) a point (3,) of a frame with a pose (4, 4), in the frame of the pose."""
+    moved: Array = pose[:3, :3].dot(point) + pose[:3, 3]
+    return moved
 
 
 def met_by(target: Target, pose: Array) -> Target:
-    """The target that a tool at a pose (4, 4) meets, with the same left free."""
+    """The target of the same kind that a tool at a pose (4, 4) meets."""
     return Target(
-        None if target.point is None else _place(pose, target.tool_point),
+        None if target.point is None else _transformed(pose, target.tool_point),
         None if target.axis is None else pose[:3, :3].dot(target.tool_axis),
         tool_point=target.tool_point,
         tool_axis=target.tool_axis,
@@ -84,48 +84,48 @@ def met_by(target: Target, pose: Array) -> Target:
 
 
 def relabelled(target: Target, X: Array) -> Target:
-    """The same of a tool frame displaced by X (4, 4) in itself."""
+    """The same target for a tool frame that is displaced by X (4, 4) in itself."""
     back = se3.inverse(X)
     tool_axis = back[:3, :3].dot(target.tool_axis)
-    return Target(target.point, target.axis, tool_point=_place(back, target.tool_point), tool_axis=tool_axis)
+    return Target(target.point, target.axis, tool_point=_transformed(back, target.tool_point), tool_axis=tool_axis)
 
 
 def nearest_pose(target: Target, pose: Array) -> Array:
-    """(4, 4) a pose turned to meet the target by the least, and moved so that the point is there."""
+    """(4, 4) the pose that meets the target after the smallest rotation of `pose`."""
     R = pose[:3, :3]
     if target.axis is not None:
         R = se3.rotation(se3.shortest_turn(R.dot(target.tool_axis), target.axis)).dot(R)
-    point = _place(pose, target.tool_point) if target.point is None else target.point
+    point = _transformed(pose, target.tool_point) if target.point is None else target.point
     return se3.transform(R, point - R.dot(target.tool_point))
 
 
-def way_to(target: Target, start: Array, end: Array) -> Array:
-    """(6,) the twist that takes a pose (4, 4) in unit time to another one, but for what the target leaves free."""
+def displacement_to(target: Target, start: Array, end: Array) -> Array:
+    """(6,) the twist that takes the constrained part of a pose (4, 4) to that of another in unit time."""
     return se3.displacement(start, nearest_pose(met_by(target, end), start))
 
 
-def errors_of(target: Target, pose: Array) -> tuple[float, float]:
+def target_errors(target: Target, pose: Array) -> tuple[float, float]:
     """Distance of the point [length] and angle of the axis [rad] of a pose (4, 4) from the target, 0 if free."""
     here = met_by(target, pose)
-    off = 0.0 if target.point is None or here.point is None else se3.norm(target.point - here.point)
+    distance = 0.0 if target.point is None or here.point is None else se3.norm(target.point - here.point)
     turn = None if target.axis is None or here.axis is None else se3.shortest_turn(here.axis, target.axis)
-    return off, 0.0 if turn is None else se3.norm(turn)
+    return distance, 0.0 if turn is None else se3.norm(turn)
 
 
-def root_of(target: Target, root: Array, pose: Array) -> Array:
-    """(k, 6) of the root (6, 6) of a measure, the part that counts for a tool at a pose (4, 4)."""
-    a, n = _place(pose, target.tool_point), pose[:3, :3].dot(target.tool_axis)
+def constrained_root(target: Target, root: Array, pose: Array) -> Array:
+    """(k, 6) the rows of the root (6, 6) of a metric that measure the constrained directions at a pose (4, 4)."""
+    a, n = _transformed(pose, target.tool_point), pose[:3, :3].dot(target.tool_axis)
     turns = np.eye(3) if target.axis is None else n[None]
-    free = np.hstack((turns, turns.dot(se3.cross_matrix(a).T)))  # twists that count as nothing
+    free = np.hstack((turns, turns.dot(se3.cross_matrix(a).T)))  # unconstrained twists
     if target.point is None:
         free = np.vstack((free, np.eye(6)[3:]))
     Q = np.linalg.qr(root.dot(free.T), mode="complete")[0]
-    across: Array = Q[:, len(free) :].T.dot(root)
-    return across
+    constrained: Array = Q[:, len(free) :].T.dot(root)
+    return constrained
 
 
 def partial_target(target: Any) -> TargetFields | None:
-    """The fields of a target that leaves something free, a `Target` or a point (3,), not checked; None of another."""
+    """The fields of a `Target` or a point (3,), not checked; None for any other target."""
     if isinstance(target, Target):
         return target.fields
     if isinstance(target, np.ndarray):
@@ -136,9 +136,9 @@ def partial_target(target: Any) -> TargetFields | None:
 
 
 def checked_target(target: Any, argument: str = "target") -> Target:
-    """A `Target`; or of a point (3,), the one of the tool frame's origin.
+    """A `Target`, also from a point (3,) for the tool frame's origin.
 
     Raises:
-        BadInput: something else.
+        BadInput: anything else.
     """
     return target if isinstance(target, Target) else Target(point=arrays.vector(target, 3, argument))

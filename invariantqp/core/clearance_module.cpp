@@ -1,4 +1,4 @@
-// Clearance for Python: arrays in, rows out. Errors are ValueErrors; control/clearance.py checks and words them first.
+// Python binding of Clearance. Errors are ValueErrors; control/clearance.py checks its arguments first.
 #include "bound.hpp"
 #include "clearance.hpp"
 #include <nanobind/stl/optional.h>
@@ -8,13 +8,13 @@
 namespace iq {
 namespace {
 
-constexpr int MOST_JOINTS_AROUND = 1024, MOST_SHAPES = 4096;
-constexpr int OF_PLACED = 17, OF_SHAPE = 19;  // core, radius, half sizes, rotation, place; body and mover before them
+constexpr int MOST_JOINTS_OF_ALL = 1024, MOST_SHAPES = 4096;
+constexpr int SHAPE_NUMBERS = 17, ROW_NUMBERS = 19;  // core, radius, half sizes, rotation, position; with body and mover
 
 int index(double x, int least, int most, const char* name)
 {
     if (!(x >= least && x <= most && x == std::floor(x)))
-        refuse(std::string(name) + " has a number that is none of what there is");
+        refuse(std::string(name) + " has a number out of range");
     return static_cast<int>(x);
 }
 std::vector<double> vector_of(Vec x) { return {x.begin(), x.end()}; }
@@ -30,7 +30,7 @@ Shape shape_of(Vec numbers)
     const auto core = static_cast<ShapeCore>(index(numbers[0], 0, 3, "core"));
     return {core, numbers[1], {numbers[2], numbers[3], numbers[4]}, at};
 }
-nb::object array_of(const Places& found)
+nb::object array_of(const Witnesses& found)
 {
     const npy_intp shape[2] = {found.count, 7};
     nb::object array = new_array(2, shape);
@@ -62,17 +62,17 @@ nb::object array_of(const Pose* poses, int count)
     return array;
 }
 
-// Places of a mesh by a function of Python: of the numbers of two shapes, and their (4, 4) poses.
-auto places_by(nb::object function)
+// Witnesses of a mesh by a function of Python, of the indices of two shapes and their poses (1, 4, 4).
+auto witnesses_by(nb::object function)
 {
-    return [function](int i, const Shape& a, int j, const Shape& b, Places& found) {
+    return [function](int i, const Shape& a, int j, const Shape& b, Witnesses& found) {
         const nb::gil_scoped_acquire held;
         const Workspace::Frame frame(workspace());
         const Mat given =
-            Reader(workspace()).matrix(function(i, j, array_of(&a.at, 1), array_of(&b.at, 1)), "places", -1, 7);
+            Reader(workspace()).matrix(function(i, j, array_of(&a.at, 1), array_of(&b.at, 1)), "witnesses", -1, 7);
         for (int k = 0; k < given.rows; k++) {
-            const Vec place = given[k];
-            found.add(place[0], {place[1], place[2], place[3]}, {place[4], place[5], place[6]});
+            const Vec x = given[k];
+            found.add(x[0], {x[1], x[2], x[3]}, {x[4], x[5], x[6]});
         }
         found.finish(0);
     };
@@ -95,23 +95,23 @@ ClearanceArm arm_of(nb::handle given, Reader& read)
             vector_of(read.vector(parts[3], "turns", limits.cols)), nb::cast<bool>(parts[4])};
 }
 
-Clearance clearance_of(double distance, nb::list arms, nb::object shapes, nb::object pairs, int obstacles, bool chosen,
+Clearance clearance_of(double distance, nb::list arms, nb::object shapes, nb::object pairs, int obstacles, bool keep_all,
                        nb::object meshes)
 {
     const Workspace::Frame frame(workspace());
     Reader read(workspace());
     ClearanceScene scene;
-    scene.distance = distance, scene.obstacles = obstacles, scene.chosen = chosen;
+    scene.distance = distance, scene.obstacles = obstacles, scene.keep_all = keep_all;
     std::vector<int> first{0};
     for (nb::handle arm : arms) {
         scene.arms.push_back(arm_of(arm, read));
         first.push_back(first.back() + scene.arms.back().chain.size());
     }
-    if (scene.arms.empty() || first[1] > MOST_JOINTS || first.back() > MOST_JOINTS_AROUND)
+    if (scene.arms.empty() || first[1] > MOST_JOINTS || first.back() > MOST_JOINTS_OF_ALL)
         refuse("an arm has at most 64 joints, and those around it 960");
     if (!(distance >= 0 && std::isfinite(distance)) || obstacles < 0 || obstacles > MOST_SHAPES)
         refuse("distance and obstacles are not negative");
-    const Mat numbers = read.matrix(shapes, "shapes", -1, OF_SHAPE), table = read.matrix(pairs, "pairs", -1, 3);
+    const Mat numbers = read.matrix(shapes, "shapes", -1, ROW_NUMBERS), table = read.matrix(pairs, "pairs", -1, 3);
     if (numbers.rows > MOST_SHAPES)
         refuse("there are more than 4096 shapes");
     const int others = static_cast<int>(scene.arms.size()) - 1;
@@ -121,7 +121,7 @@ Clearance clearance_of(double distance, nb::list arms, nb::object shapes, nb::ob
         int body = index(numbers(i, 0), 0, first.back(), "body");
         if (body > 0 && (mover >= 0 && arm == 0 ? true : !(body > first[arm] && body <= first[arm + 1])))
             refuse("a body is not of the arm that its shape is of");
-        const Shape shape = shape_of(numbers[i].part(2, OF_SHAPE));
+        const Shape shape = shape_of(numbers[i].part(2, ROW_NUMBERS));
         if (shape.core == ShapeCore::mesh && meshes.is_none())
             refuse("nothing finds the distance of a mesh");
         scene.shapes.push_back({body, mover, shape});
@@ -134,7 +134,7 @@ Clearance clearance_of(double distance, nb::list arms, nb::object shapes, nb::ob
         scene.pairs.push_back({{one, other}, index(table(k, 2), 0, 1 << 24, "pairs")});
     }
     if (!meshes.is_none())
-        scene.meshes = places_by(meshes);
+        scene.meshes = witnesses_by(meshes);
     return Clearance(scene);
 }
 
@@ -164,17 +164,17 @@ void check(const Clearance& c, const ClearanceRate& rate)
         refuse("rate is of another arm");
 }
 
-// Rows, and of each its pair and how far that is apart, -1 for what slows a joint down; None where there are none.
-nb::object told(const Clearance& c, const ClearanceRows& rows)
+// Rows with the pair and distance of each, pair -1 for a limit of a joint's speed; None without rows.
+nb::object to_python(const Clearance& c, const ClearanceRows& rows)
 {
     if (rows.pair.empty())
         return nb::none();
-    nb::list of_pair, apart;
+    nb::list pairs, distances;
     for (const int k : rows.pair) {
-        of_pair.append(k);
-        apart.append(k < 0 ? 0.0 : c.found()[k]);
+        pairs.append(k);
+        distances.append(k < 0 ? 0.0 : c.last_distances()[k]);
     }
-    return nb::make_tuple(array_of(rows.C), array_of(rows.lower), array_of(rows.upper), of_pair, apart);
+    return nb::make_tuple(array_of(rows.C), array_of(rows.lower), array_of(rows.upper), pairs, distances);
 }
 
 nb::tuple states_of(nb::object arms, nb::object q, nb::object before, nb::object limits, double dt, double rate)
@@ -202,7 +202,7 @@ nb::tuple states_of(nb::object arms, nb::object q, nb::object before, nb::object
 
 void bind_clearance(nb::module_& module)
 {
-    nb::class_<ClearanceRate>(module, "ClearanceRate", "How an arm may come nearer in a loop.")
+    nb::class_<ClearanceRate>(module, "ClearanceRate", "The rate at which bodies may approach in a loop, and the limits of its joints.")
         .def(
             "__init__",
             [](ClearanceRate* at, nb::object limits, double alpha, double dt, double joint_rate, double delay) {
@@ -227,14 +227,14 @@ void bind_clearance(nb::module_& module)
         .def_ro("dt", &ClearanceRate::dt)
         .def_prop_ro("stops_at_once", &ClearanceRate::stops_at_once);
     using Given = nb::object;
-    nb::class_<Clearance>(module, "Clearance", "Distances that an arm keeps; control/clearance.py.")
+    nb::class_<Clearance>(module, "Clearance", "Clearance of an arm; control/clearance.py.")
         .def(
             "__init__",
-            [](Clearance* at, double distance, nb::list arms, Given shapes, Given pairs, int obstacles, bool chosen,
+            [](Clearance* at, double distance, nb::list arms, Given shapes, Given pairs, int obstacles, bool keep_all,
                Given meshes) {
-                new (at) Clearance(clearance_of(distance, arms, shapes, pairs, obstacles, chosen, meshes));
+                new (at) Clearance(clearance_of(distance, arms, shapes, pairs, obstacles, keep_all, meshes));
             },
-            "distance"_a, "arms"_a, "shapes"_a, "pairs"_a, "obstacles"_a = 0, "chosen"_a = false,
+            "distance"_a, "arms"_a, "shapes"_a, "pairs"_a, "obstacles"_a = 0, "keep_all"_a = false,
             "meshes"_a = nb::none())
         .def(
             "move",
@@ -266,7 +266,7 @@ void bind_clearance(nb::module_& module)
                 check(c, rate);
                 const Vec at = read.vector(q, "q", joints_of(c));
                 const Vec x = before.is_none() ? Vec(workspace(), at.n, 0) : read.vector(before, "before", at.n);
-                return told(c, c.rows(at, x, rate));
+                return to_python(c, c.rows(at, x, rate));
             },
             "q"_a, "before"_a.none(), "rate"_a)
         .def(
@@ -278,7 +278,7 @@ void bind_clearance(nb::module_& module)
                 if (!(rate.dt > 0))
                     refuse("rate has no tick");
                 const Vec at = read.vector(q, "q", joints_of(c));
-                return told(c, c.after(at, read.vector(velocity, "velocity", at.n), rate));
+                return to_python(c, c.after(at, read.vector(velocity, "velocity", at.n), rate));
             },
             "q"_a, "velocity"_a, "rate"_a)
         .def(
@@ -289,20 +289,20 @@ void bind_clearance(nb::module_& module)
             },
             "q"_a)
         .def(
-            "placed",
+            "poses",
             [](Clearance& c, Given q) {
                 const Workspace::Frame frame(workspace());
-                const std::vector<Pose> found = c.placed(Reader(workspace()).vector(q, "q", joints_of(c)));
+                const std::vector<Pose> found = c.poses(Reader(workspace()).vector(q, "q", joints_of(c)));
                 return array_of(found.data(), static_cast<int>(found.size()));
             },
             "q"_a)
-        .def_prop_ro("found", [](const Clearance& c) { return array_of(c.found()); })
+        .def_prop_ro("last_distances", [](const Clearance& c) { return array_of(c.last_distances()); })
         .def_prop_ro("nearest",
                      [](const Clearance& c) {
                          const int k = c.nearest();
-                         return nb::make_tuple(k, k < 0 ? INFINITY : c.found()[k]);
+                         return nb::make_tuple(k, k < 0 ? INFINITY : c.last_distances()[k]);
                      })
-        .def_prop_ro("enough", &Clearance::enough)
+        .def_prop_ro("threshold", &Clearance::threshold)
         .def("always_near",
              [](const Clearance& c) {
                  nb::list found;
@@ -332,12 +332,12 @@ void bind_clearance(nb::module_& module)
     nb::class_<ClearanceInLoop>(module, "ClearanceInLoop", "A Clearance in one loop.")
         .def(
             "__init__",
-            [](ClearanceInLoop* at, std::shared_ptr<Clearance> of, const ClearanceRate& rate, nb::callable begun) {
+            [](ClearanceInLoop* at, std::shared_ptr<Clearance> of, const ClearanceRate& rate, nb::callable on_first_tick) {
                 check(*of, rate);
-                new (at) ClearanceInLoop{std::move(of), rate, [begun](Vec q) { begun(array_of(q)); }, std::nullopt};
+                new (at) ClearanceInLoop{std::move(of), rate, [on_first_tick](Vec q) { on_first_tick(array_of(q)); }, std::nullopt};
             },
-            "clearance"_a, "rate"_a, "begun"_a)
-        .def_rw("last", &ClearanceInLoop::last, nb::arg().none(), "When its last tick began [s], None before the first.")
+            "clearance"_a, "rate"_a, "on_first_tick"_a)
+        .def_rw("last", &ClearanceInLoop::last, nb::arg().none(), "Time of its last tick [s], None before the first.")
         .def(
             "begin",
             [](ClearanceInLoop& c, Given q) {
@@ -346,17 +346,17 @@ void bind_clearance(nb::module_& module)
             },
             "q"_a);
     module.def(
-        "places",
+        "witnesses",
         [](Given one, Given other) {
             const Workspace::Frame frame(workspace());
             Reader read(workspace());
-            const Shape a = shape_of(read.vector(one, "one", OF_PLACED)),
-                        b = shape_of(read.vector(other, "other", OF_PLACED));
+            const Shape a = shape_of(read.vector(one, "one", SHAPE_NUMBERS)),
+                        b = shape_of(read.vector(other, "other", SHAPE_NUMBERS));
             if (a.core == ShapeCore::mesh || b.core == ShapeCore::mesh)
-                refuse("a mesh is no shape that places are found of");
-            return array_of(places(a, b));
+                refuse("a mesh has no witnesses here");
+            return array_of(witnesses(a, b));
         },
-        "one"_a, "other"_a, "(k, 7) distance, normal and point of each place of two shapes (17,), by distance.");
+        "one"_a, "other"_a, "(k, 7) distance, normal and point of each witness of two shapes (17,), by distance.");
     module.def("braking_states", states_of, "arms"_a, "q"_a, "before"_a, "limits"_a, "dt"_a, "rate"_a,
                "Positions, weights and longer of each state, grows and y.");
 }

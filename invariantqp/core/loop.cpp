@@ -264,7 +264,7 @@ class TickOfLoop {
         add(limit, RowsOfTick{more.C, more.lower, more.upper});
         for (int i = 0; i < k; i++) {
             RowOrigin& origin = origins[origins.size() - k + i];
-            origin.pair = more.pair[i], origin.distance = more.pair[i] < 0 ? 0 : limit.clearance->clearance->found()[more.pair[i]];
+            origin.pair = more.pair[i], origin.distance = more.pair[i] < 0 ? 0 : limit.clearance->clearance->last_distances()[more.pair[i]];
         }
     }
 

@@ -211,8 +211,8 @@ nb::object too_near(const LoopFunctions& functions)
 {
     for (std::size_t i = 0; i < functions.limits.size(); i++)
         if (const ClearanceInLoop* limit = functions.limits[i].clearance)
-            if (const int k = limit->clearance->nearest(); k >= 0 && limit->clearance->found()[k] < limit->clearance->enough())
-                return nb::make_tuple(i, k, limit->clearance->found()[k]);
+            if (const int k = limit->clearance->nearest(); k >= 0 && limit->clearance->last_distances()[k] < limit->clearance->threshold())
+                return nb::make_tuple(i, k, limit->clearance->last_distances()[k]);
     return nb::none();
 }
 

@@ -19,7 +19,7 @@ import numpy as np
 from attrs import field, frozen
 from numpy.typing import ArrayLike
 
-from invariantqp.control.controller import Controller, refused
+from invariantqp.control.controller import Controller, bad_input
 from invariantqp.engine import law
 from invariantqp.errors import BadInput, InvariantQPError, excerpt, written
 from invariantqp.force import messages
@@ -263,14 +263,14 @@ class HybridController:
         edge = nan if contact.edge is None else contact.edge
         states = self._state, inner.loop, inner.state
         place = self.splits.in_engine, contact.pose, edge
-        rest = feedforward, velocity, exert, posture, inner.asked(q, goal)
+        rest = feedforward, velocity, exert, posture, inner.begin_callbacks(q, goal)
         try:
             found = self._engine.tick(*states, *place, q, goal, reading, force_first, *rest)
         except (ValueError, TypeError, AttributeError, ArithmeticError) as refusal:
             if isinstance(refusal, InvariantQPError) or inner.raised(refusal):
                 raise
             arrays.vector(reading, 6, "wrench")
-            raise refused(loop, q, target, feedforward, velocity, {"posture": posture}, refusal) from None
+            raise bad_input(loop, q, target, feedforward, velocity, {"posture": posture}, refusal) from None
         if isinstance(found, float):  # a retreat along a normal that turned would press
             raise BadInput(
                 "contact",

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from invariantqp.control.tracking import QUESTIONED_TIME
+from invariantqp.control.tracking import LONG_TIME
 from invariantqp.errors import BadInput
 from invariantqp.geometry.arrays import Array
 from invariantqp.identification.se3_batch import homogeneous
@@ -150,7 +150,7 @@ def _checked_time(time: Array, name: str) -> Array:
     steps = np.diff(time)
     for k in np.flatnonzero(~((steps > 0.0) & np.isfinite(steps)))[:1].tolist():
         raise BadInput(name, f"time that does not increase after sample {k}", "seconds, evenly spaced")
-    if len(steps) and np.median(steps) >= QUESTIONED_TIME:
+    if len(steps) and np.median(steps) >= LONG_TIME:
         found = f"samples {np.median(steps):g} s apart"
         raise BadInput(name, found, "times in seconds, of samples at some 100 Hz", "Are these milliseconds?")
     return time

@@ -98,7 +98,7 @@ class Pressed:
         hybrid, loop, curve = self.hybrid, self.controller, shape.given.curve
         wrench, contact, wanted = given
         here = hybrid.task.contact_at(hybrid.robot.pose(q), contact)
-        if loop.limits.wrong(q):
+        if loop.limits.implausible(q):
             answer = hybrid.step(q, curve.pose(self._place), wrench, None, None, before, wanted)
             return self._told(answer, shape, answer.status, answer.reason, inf, "joint positions")
         if shape.motion is None and shape.plan is not None:
@@ -286,7 +286,7 @@ class PressedStream:
         off = float(np.linalg.norm(way.rows.dot(projector).dot(way.error)))
         pushed = off > PUSHED * loop.measure.length
         stopped = (np.abs(before - self.command) > loop.dt * np.asarray(loop.acceleration_limit)).any()
-        if pushed or stopped or not self._sent or loop.limits.wrong(q):
+        if pushed or stopped or not self._sent or loop.limits.implausible(q):
             return Tracking(sent - astray, np.zeros(len(q)), 0.0, True, tool, projector)
         return Tracking(sent - astray, astray, off, False, tool, projector)
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.control.measure import ToolMeasure
-from invariantqp.control.target import Target, checked_target, met_by, nearest_pose, partial_target, way_to
+from invariantqp.control.target import Target, checked_target, displacement_to, met_by, nearest_pose, partial_target
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
@@ -116,7 +116,7 @@ def curve_through(at: Array, poses: Array, tangents: Array, part: Target | None 
 
 def way_of(part: Target | None) -> WayTo:
     """The function of two poses (4, 4) that returns the twist (6,) from one to what counts of the other."""
-    return se3.displacement if part is None else partial(way_to, part)
+    return se3.displacement if part is None else partial(displacement_to, part)
 
 
 def curve_of_samples(at: Array, poses: Array, part: Target | None = None) -> Curve:

@@ -373,7 +373,7 @@ class Follower:
         Raises:
             BadInput: no such path, NaN, a wrong shape, or positions that cannot be true.
         """
-        self._kept_shape("prepare").prepare(self.controller.believed(q))
+        self._kept_shape("prepare").prepare(self.controller.checked_positions(q))
 
     def reverse(self) -> None:
         """Come to rest on a path whose shape is kept, and drive it in the other direction.
@@ -482,7 +482,7 @@ class Follower:
         """
         state, q = self._state, arrays.vector(given, self._m, "q")
         before = state.command if velocity is None else arrays.vector(velocity, self._m, "velocity").copy()
-        wrong = self.controller.limits.wrong(q)
+        wrong = self.controller.limits.implausible(q)
         measured = self._engine.observe(state, q, velocity is not None)
         self._trouble = self._engine.trouble(state)
         before[list(state.unresponsive)] = 0.0
@@ -517,7 +517,7 @@ class Follower:
 
     def _moved(self, reference: Reference, measured: Array, ease: float = 0.0) -> Array:
         """(m,) the command of a tick along a reference, inside the limits; the joints are sent so far."""
-        shape, functions = self._shape, self.controller.in_engine.asked(measured)
+        shape, functions = self._shape, self.controller.in_engine.begin_callbacks(measured)
         wish, course = self._wish(ease), self._course_of(reference)
         found = self._engine.drive(self._state, course, wish, measured, functions, False)
         if found[0] is None and shape is not None:  # the path waits
@@ -596,7 +596,7 @@ class Follower:
             return None
         reference, course, _, told = self._course
         time, shape, ease, state = self._time, self._shape, self._ease, self._state
-        functions = self.controller.in_engine.asked(q)
+        functions = self.controller.in_engine.begin_callbacks(q)
         try:
             found = self._engine.step(state, course, self._wish(ease), q, functions)
         except (ValueError, TypeError) as refusal:
@@ -717,7 +717,7 @@ class Follower:
         if tracking.begins:
             self._reference, at = None, tracking.measured
             state.command, state.change = command, np.zeros(self._m)
-        if wrong := self.controller.limits.wrong(positions):
+        if wrong := self.controller.limits.implausible(positions):
             told = self._held(str(wrong), clock)
             pressed.sent()
             return pressed.told(told, answer)
@@ -752,9 +752,9 @@ class Follower:
     def _believed(self, given: Given, argument: str) -> Given:
         """What was given, if it can be true; degrees cannot, nor millimetres."""
         if len(given.places):
-            self.controller.limits.near(given.places, argument)
+            self.controller.limits.require_near(given.places, argument)
         for q in () if given.joints is None else (given.joints.min(axis=0), given.joints.max(axis=0)):
-            self.controller.believed(q, argument)
+            self.controller.checked_positions(q, argument)
         return given
 
     def _forget(self) -> None:

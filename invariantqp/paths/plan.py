@@ -228,7 +228,7 @@ def _top(controller: Controller, q: Array, slopes: Array, acceleration: Array) -
         speed, _ = top_speed(np.linalg.norm(fast, axis=1)[:, None], VELOCITY_SHARE * controller.tool_speed.limit)
         slower(speed, ["the tool's speed"] * len(top))
     if controller.joint_rows is not None:
-        rows = [controller.joint_rows.own(x) for x in q]
+        rows = [controller.joint_rows.without_pink(x) for x in q]
         shares = [
             inf if r is None else VELOCITY_SHARE * _rows_allow(np.asarray(r.C).dot(s), r.lower, r.upper)
             for r, s in zip(rows, slopes, strict=True)

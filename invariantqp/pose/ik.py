@@ -31,7 +31,7 @@ from invariantqp.control.demands import (
     View,
     demands_of,
 )
-from invariantqp.control.limits import no_degrees, not_believed, refuse
+from invariantqp.control.plausibility import bounds_against_degrees, require_plausible
 from invariantqp.control.target import TARGETS, Target
 from invariantqp.engine import law
 from invariantqp.errors import BadInput, excerpt, written
@@ -134,7 +134,8 @@ class PoseSearch:
     def checked_start(self, q0: ArrayLike) -> Array:
         """(m,) joint positions to start from, checked."""
         q = arrays.joint_vector(q0, self._robot.names, "q0")
-        refuse(not_believed(self._robot, q, no_degrees(self._robot, self._robot.jacobian(middle(self._robot)))), "q0")
+        bounds = bounds_against_degrees(self._robot, self._robot.jacobian(middle(self._robot)))
+        require_plausible(self._robot, q, bounds, "q0")
         return q
 
     def checked_target(self, target: Any, argument: str = "target") -> Array | Target:
@@ -267,7 +268,7 @@ def engine_arm(robot: Robot) -> Any:
     mid = middle(robot)
     J, here, (start_lower, start_upper) = robot.jacobian(mid), robot.pose(mid), joint_ranges(robot)
     own_point, length = centre(J)
-    plausible_lower, plausible_upper = no_degrees(robot, J)
+    plausible_lower, plausible_upper = bounds_against_degrees(robot, J)
     # a subclass of Chain may have other kinematics
     kinematics = robot.in_engine if type(robot) is Chain else lambda q: (robot.pose(q), robot.jacobian(q))
     phi = max(np.roots([1.0, *[0.0] * (m - 1), -1.0, -1.0]).real)  # golden ratio in m dimensions: the R-sequence

@@ -406,8 +406,8 @@ def test_invalid_arguments_are_named(arms):
         ({"point": "tip"}, "point"),
         ({"length": 0.0}, "length"),
         ({"length": 0.5, "orientation_cost": 1.0}, "Both say what a radian costs"),
-        ({"position_cost": [1.0, 2.0, 1.0]}, "Say orientation_cost too"),
-        ({"orientation_cost": 1.0, "form": iq.CarriedMetric(np.ones(6), np.eye(4))}, "it says what a radian costs"),
+        ({"position_cost": [1.0, 2.0, 1.0]}, "Give orientation_cost too"),
+        ({"orientation_cost": 1.0, "form": iq.CarriedMetric(np.ones(6), np.eye(4))}, "the metric includes it"),
         ({"damping": iq.Guard(0.5)}, "damping: found Guard"),
         ({"damping": -0.1}, "damping"),
     ):

@@ -32,7 +32,7 @@ sys.path.append(str(Path(__file__).parents[2] / "examples"))
 from shared.clearance_peers import Peer, pinocchio_model
 
 import invariantqp as iq
-from invariantqp.control.limits import loop_of
+from invariantqp.control.loop_limits import loop_of
 from invariantqp.limits import Box, Capsule, Clearance, HalfSpace, OtherArm
 
 HOLD = 0.4  # how long a target stays [s]
@@ -119,8 +119,8 @@ class Judge:
         self.model, self.geometry = pinocchio_model(clearance)
         self.data, self.places = self.model.createData(), pin.GeometryData(self.geometry)
         self.others = [Around(clearance, k, self.geometry.geometryObjects) for k in range(len(clearance.arms))]
-        own = [(part.body, part.shape, one.placement.translation)
-               for part, one in zip(clearance._parts, self.geometry.geometryObjects, strict=True) if part.frame is not None and not part.around]  # fmt: skip
+        own = [(geom.joints, geom.shape, one.placement.translation)
+               for geom, one in zip(clearance._geoms, self.geometry.geometryObjects, strict=True) if geom.is_own_link]  # fmt: skip
         self.reach, self.seen, self.q = reaches(self.model, own), 0, None
         self.used = np.flatnonzero(np.isfinite(clearance._distances(scene.start)))
         self.enough, self.travelled = scene.distance + 0.011, 0.0
@@ -153,9 +153,9 @@ class Around:
         self.model, self.q = self.arm.robot.model, self.arm.q.copy()
         self.data = self.model.createData()
         pin.forwardKinematics(self.model, self.data, self.q)
-        self.shapes = [(one, part.body, self.data.oMi[part.body].inverse() * one.placement)
-                       for part, one in zip(clearance._parts, objects, strict=True) if part.around == -1 - k]  # fmt: skip
-        sizes = [part.shape for part in clearance._parts if part.around == -1 - k]
+        self.shapes = [(one, geom.joints, self.data.oMi[geom.joints].inverse() * one.placement)
+                       for geom, one in zip(clearance._geoms, objects, strict=True) if geom.arm == k + 1]  # fmt: skip
+        sizes = [geom.shape for geom in clearance._geoms if geom.arm == k + 1]
         own = [(body, shape, place.translation) for (_, body, place), shape in zip(self.shapes, sizes, strict=True)]
         self.reach = reaches(self.model, own)
 
@@ -511,7 +511,7 @@ def timed(scene, acceleration, times):
     kept, free = iq.Controller(robot, limits=[clearance], **options), iq.Controller(robot, **options)
     brakes = np.full(m, np.inf if acceleration is None else acceleration)
     rows = clearance.for_loop(loop_of(robot, 0.002, 0.0)._replace(acceleration=brakes))
-    called = f"{len(clearance._of_pair)} pairs of shapes, acceleration {acceleration}"
+    called = f"{len(clearance._shape_pairs)} pairs of shapes, acceleration {acceleration}"
     found = [times.setdefault(f"{what} ({called})", []) for what in ("rows", "tick without", "tick with")]
     q, x, wanted = scene.start.copy(), np.zeros(m), targets(robot, rng)
     for i in forever():

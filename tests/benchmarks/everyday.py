@@ -22,7 +22,7 @@ sys.path.append(str(Path(__file__).parents[2] / "examples"))
 from shared.ten_arms import limits
 
 import invariantqp as iq
-from invariantqp.control.tracking import ticks_late
+from invariantqp.control.tracking import ticks_of_delay
 
 ARMS = ["panda", "ur5", "ur10", "xarm7", "kinova", "z1", "so101", "talos", "iiwa14", "gen3"]
 SEED = 30
@@ -315,7 +315,7 @@ def late(given):
             if where:  # that share of its reach away
                 T[:3, 3] *= where * iq.Controller(robot, dt=dt).measure.length / np.linalg.norm(T[:3, 3])
             options = {} if acceleration is None else {"acceleration_limit": acceleration}
-            loop, (whole, part) = iq.Controller(robot, dt=dt, delay=delay, **options), ticks_late(delay, dt)
+            loop, (whole, part) = iq.Controller(robot, dt=dt, delay=delay, **options), ticks_of_delay(delay, dt)
             commands = [np.zeros(len(q))] * (whole + 1)
             for _ in range(round(given.seconds / dt)):
                 commands.append(loop.step(q, T).velocity)

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 from support.arms import ready
+from support.loops import drive
 
 import invariantqp as iq
 from invariantqp import engine
-from invariantqp.control.limits import box_of, limit_fields, loop_of
+from invariantqp.control.loop_limits import box_of, limit_fields, loop_of
 from invariantqp.engine import law
 from invariantqp.geometry.shapes import Core
 from invariantqp.limits import Box, Capsule, Clearance, HalfSpace, LimitRows, OtherArm, Sphere
@@ -51,7 +52,7 @@ def by_coal(clearance, q):
     known = clearance._distances(q)
     return min(
         coal.distance(*made[i], *made[j], coal.DistanceRequest(), coal.DistanceResult())
-        for (i, j), d in zip(clearance._of_pair, known, strict=True)
+        for (i, j), d in zip(clearance._shape_pairs, known, strict=True)
         if np.isfinite(d)
     )
 
@@ -67,16 +68,6 @@ def below(robot, q, depth):
     target = robot.pose(q)
     target[2, 3] -= depth
     return target
-
-
-def run(loop, q, target, ticks, each=None):
-    solutions = []
-    for i in range(ticks):
-        if each is not None:
-            each(i)
-        solutions.append(loop.step(q, target))
-        q = q + loop.dt * solutions[-1].velocity
-    return q, solutions
 
 
 @pytest.mark.parametrize("acceleration", [None, 10.0])
@@ -101,7 +92,7 @@ def test_the_engine_asks_a_clearance_without_python(panda, acceleration):
         rows += len(solution.row_names) > 0
         q = q + DT * solution.velocity
     assert rows > 100
-    assert called == {"update", "_tell"}  # it is told where obstacles are
+    assert called == {"update", "_updated"}  # it is told where obstacles are
 
 
 def test_rows_of_users_and_of_clearances_keep_their_order_and_names(panda):
@@ -134,21 +125,17 @@ def test_rows_of_users_and_of_clearances_keep_their_order_and_names(panda):
 def test_the_hand_stops_above_the_table_and_is_named(panda):
     limit = Clearance(panda, HAND, [TABLE])
     loop = iq.Controller(panda, dt=DT, limits=[limit])
-    q, lowest = READY, 9.0
-    target = below(panda, q, 0.8)
-    for _ in range(600):
-        solution = loop.step(q, target)
-        q = q + DT * solution.velocity
-        lowest = min(lowest, by_coal(limit, q))
-    assert 0.0199 < lowest < 0.0201
+    target = below(panda, READY, 0.8)
+    run = drive(loop, READY, target, 600)
+    q, solution = run.end
+    assert 0.0199 < min(by_coal(limit, p) for p in run.q) < 0.0201
     assert solution.status == "limited"
     assert solution.reason.endswith("at the limits of clearance: panda_hand and table, 20.0 mm")
     assert limit.nearest[:2] == ("panda_hand", "table")
     assert str(limit.nearest) == "panda_hand and table, 20.0 mm"
     assert limit.at(q).distance == pytest.approx(by_coal(limit, q), abs=1e-9)
     without = iq.Controller(panda, dt=DT)
-    deepest, _ = run(without, READY, target, 600)
-    assert limit.at(deepest).distance < 0.0
+    assert limit.at(drive(without, READY, target, 600).q[-1]).distance < 0.0
 
 
 @pytest.mark.cases(3)
@@ -221,7 +208,7 @@ def test_where_a_tick_ends_is_what_counts(ur5):
 def test_what_ticks_may_take_of_the_distance_does_not_add_up(panda):
     """Of 20 mm a tick may leave 19.9: one that began at 19.95 is answered once more where it would end at 19.87."""
     limit, dt = Clearance(panda, HAND, [TABLE]), 0.01
-    near, _ = run(iq.Controller(panda, dt=DT, limits=[limit]), READY, below(panda, READY, 0.8), 400)
+    near, _ = drive(iq.Controller(panda, dt=DT, limits=[limit]), READY, below(panda, READY, 0.8), 400).end
     one_joint = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
     slope = (limit.at(near + 1e-6 * one_joint).distance - limit.at(near - 1e-6 * one_joint).distance) / 2e-6
     q = near + (0.01995 - limit.at(near).distance) / slope * one_joint
@@ -258,7 +245,7 @@ def test_a_row_is_how_fast_the_distance_of_coal_falls(panda):
     while checked < 10:
         q = READY + rng.uniform(-0.5, 0.5, 7)
         C, lower, _, of_pair, _ = limit._engine.rows(q, None, limit._at_rate(1.0))
-        d = limit._engine.found
+        d = limit._engine.last_distances
         k = int(np.argmin(d))
         rows = np.flatnonzero(np.array(of_pair) == k)
         if not len(rows) or d[k] < 0.01:
@@ -354,12 +341,8 @@ def test_an_arm_that_is_led_on_into_what_it_must_not_touch_comes_to_rest(panda, 
     limit = Clearance(panda, HAND, [TABLE])
     loop = iq.Controller(panda, dt=dt, delay=delay, acceleration_limit=acceleration, limits=[limit])
     under = iq.transform(np.diag([1.0, -1.0, -1.0]), [0.5, 0.0, -0.05])
-    q, flying, x = READY, [np.zeros(7)] * round(delay / dt), []
-    for _ in range(round(5.0 / dt)):
-        x.append(loop.step(q, under).velocity)
-        flying.append(x[-1])
-        q = q + dt * flying.pop(0)
-    held = np.array(x[round(4.0 / dt) :])
+    run = drive(loop, READY, under, round(5.0 / dt), late=round(delay / dt))
+    q, held = run.q[-1], run.x[round(4.0 / dt) :]
     assert np.abs(np.diff(held, axis=0)).max() < 0.02 * acceleration * dt
     assert 0.01999 < by_coal(limit, q) < 0.0201
     assert loop.step(q, under).reason.endswith("panda_hand and table, 20.0 mm")
@@ -629,24 +612,22 @@ def test_another_arm_is_an_obstacle_and_takes_half_the_room_unless_its_velocity_
     def rows():
         limit.rows_at(q, rate)  # which tells the engine where the other arm is
         C, lower, _, of_pair, _ = limit._engine.rows(q, None, rate)
-        return C, lower, np.array(of_pair), limit._engine.found
+        return C, lower, np.array(of_pair), limit._engine.last_distances
 
     lower = {}
     for known in (False, True):
         other.move(q, np.zeros(6) if known else None)
         _, low, of_pair, _ = rows()
-        mine = [limit._parts[limit._of_pair[int(k)][1]].name.startswith("left/") for k in of_pair]
+        mine = [limit._geoms[limit._shape_pairs[int(k)][1]].name.startswith("left/") for k in of_pair]
         lower[known] = low[mine].min()
     assert lower[True] == pytest.approx(2.0 * lower[False])
-    assert other.yields is False
     other.move(q)
-    assert other.yields is True
     assert any(name.startswith("left/") for pair in limit.pairs for name in pair)
     with pytest.raises(iq.BadInput, match=r"q: found joint 3 .* degrees"):
         other.move(np.degrees(q))
     x, y, h = 0.1 * np.ones(6), np.linspace(0.1, 0.6, 6), 1e-6
     C, low, of_pair, d = rows()
-    near = [k for k in of_pair if limit._parts[limit._of_pair[k][1]].around < 0 and d[k] > 0.02]
+    near = [k for k in of_pair if limit._geoms[limit._shape_pairs[k][1]].arm > 0 and d[k] > 0.02]
     after = {}
     for sign in (-1, 1):
         other.move(q + sign * h * y)
@@ -757,10 +738,10 @@ def test_two_arms_in_one_chain_and_an_arm_on_a_rail(ur5):
     q = np.array([0.0, 0.0, -1.3, 1.9, -2.17, -1.57, 0.0])
     target = railed.pose(q)
     target[1, 3] += 0.7
-    after, solutions = run(loop, q, target, 1500)
+    after, solution = drive(loop, q, target, 1500).end
     assert kept.at(after).distance == pytest.approx(0.02, abs=1e-4)
     assert by_coal(kept, after) == pytest.approx(0.02, abs=1e-4)
-    assert "wall" in solutions[-1].reason
+    assert "wall" in solution.reason
 
 
 def frame(robot, q):
@@ -1060,10 +1041,7 @@ def test_a_long_tool_stays_above_a_table_that_the_bare_arm_does_not_reach(panda)
     ):
         limit, q = Clearance(robot, obstacles=[TABLE], distance=0.02), READY
         loop = iq.Controller(robot, dt=DT, limits=[limit])
-        target = iq.transform(translation=[0.0, 0.0, -0.35]) @ robot.pose(q)
-        for _ in range(600):
-            solution = loop.step(q, target)
-            q = q + DT * solution.velocity
+        q, solution = drive(loop, q, iq.transform(translation=[0.0, 0.0, -0.35]) @ robot.pose(q), 600).end
         tip[name] = robot.pose(q)[2, 3], solution.status
         if name == "pen":
             assert str(limit.nearest) == "pen and table, 20.0 mm"

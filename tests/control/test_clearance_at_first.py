@@ -7,6 +7,7 @@ from copy import deepcopy
 import numpy as np
 import pytest
 from support.arms import ready
+from support.loops import drive
 
 import invariantqp as iq
 from invariantqp.limits import Clearance, OtherArm, Sphere
@@ -65,9 +66,8 @@ def test_they_get_no_nearer_and_keep_what_the_arm_has_parted_them_by(name, dt, a
     for seconds, along in ((1.0, 0.1), (1.5, -0.05), (1.0, 0.1)):
         target = pose.copy()
         target[0, 3] += side * along
-        for _ in range(round(seconds / dt)):
-            q = q + dt * loop.step(q, target).velocity
-            reached.append(limit.at(q).distance)
+        run = drive(loop, q, target, round(seconds / dt))
+        q, reached = run.q[-1], reached + [limit.at(p).distance for p in run.q[1:]]
     turns = round(1.0 / dt), round(2.5 / dt)
     assert min(reached) > apart - SLACK - 1e-4
     assert reached[turns[1]] > apart + 5e-4
@@ -85,8 +85,7 @@ def test_a_copy_keeps_what_the_loop_keeps():
         for along in (-0.05, 0.1):  # away from the ball, and to it
             target = pose.copy()
             target[0, 3] += along
-            for _ in range(150):
-                now = now + 0.01 * one.step(now, target).velocity
+            now, _ = drive(one, now, target, 150).end
         assert limit.at(now).distance > 0.0199
 
 
@@ -132,8 +131,7 @@ def test_a_limit_of_single_ticks_begins_once(side):
     target[0, 3] += 0.1 * side
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always")
-        for _ in range(300):
-            q = q + 0.01 * loop.step(q, target, limits=[limit]).velocity
+        q, _ = drive(loop, q, target, 300, lambda _: {"limits": [limit]}).end
     assert ["exclude=" in str(one.message) for one in found] == [True]
     assert limit.at(q).distance > apart - SLACK - 1e-4
 

@@ -8,7 +8,7 @@ import pytest
 from support.arms import ready
 
 import invariantqp as iq
-from invariantqp.control.limits import loop_of
+from invariantqp.control.loop_limits import loop_of
 from invariantqp.engine import law
 from invariantqp.limits import Box, Clearance, HalfSpace, OtherArm, Sphere
 
@@ -114,7 +114,7 @@ def test_nothing_to_keep_apart_has_no_rows():
     assert one.after(np.zeros(3), np.ones(3), rate_of(3)) is None
     assert one.nearest == (-1, np.inf)
     assert one.distances([0, 0, 0]).shape == (0,)
-    assert one.placed([0, 0, 0]).shape == (0, 4, 4)
+    assert one.poses([0, 0, 0]).shape == (0, 4, 4)
     begun = []
     loop = law.ClearanceInLoop(one, rate_of(3), begun.append)
     assert loop.last is None
@@ -181,7 +181,7 @@ def test_arguments_of_a_tick_that_are_wrong_are_refused_and_change_nothing():
     memory, pose = one.memory(), np.eye(4)
     for wrong in WRONG:
         calls = [(one.rows, wrong, q, rate), (one.after, wrong, q, rate), (one.after, q, wrong, rate),
-                 (one.distances, wrong), (one.placed, wrong), (loop.begin, wrong), (one.move, 0, wrong),
+                 (one.distances, wrong), (one.poses, wrong), (loop.begin, wrong), (one.move, 0, wrong),
                  (one.move_arm, 0, wrong, np.zeros(3)), (one.rows, q, q, wrong), (one.remember, wrong),
                  (law.ClearanceRate, wrong, 1.0)]  # fmt: skip
         calls += [] if wrong is None else [(one.rows, q, wrong, rate), (one.move, 0, pose, wrong)]

@@ -84,9 +84,9 @@ def test_distances_and_rows_are_those_of_pinocchios_bodies(scene):
             continue
         C, lower, _, of_pair, _ = rows
         for row, low, k in zip(C, lower, of_pair, strict=True):
-            if k < 0 or found[limit._bodies[k]] < 0.01:
+            if k < 0 or found[limit._body_pairs[k]] < 0.01:
                 continue
-            pair = limit._bodies[k]
+            pair = limit._body_pairs[k]
             slope = (distance(pair, q + h * x) - distance(pair, q - h * x)) / (2.0 * h)
             assert row @ x == pytest.approx(slope, abs=1e-7)
             assert low == pytest.approx(-10.0 * (distance(pair, q) - 0.01), abs=1e-9)

@@ -2,6 +2,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from support.arms import ready
+from support.loops import drive
 
 import invariantqp as iq
 
@@ -19,9 +20,8 @@ def target(error=(0.02, -0.01, 0.03, 0.02, 0.01, -0.03)):
 
 
 def test_it_reaches_a_target_at_rest():
-    loop, q, goal = controller(gain=50.0), READY.copy(), target()
-    for _ in range(400):
-        q = q + DT * loop.step(q, goal).velocity
+    goal = target()
+    q, _ = drive(controller(gain=50.0), READY, goal, 400).end
     assert np.linalg.norm(PANDA.sight(q, PANDA.target(goal)).error) < 1e-6
 
 
@@ -73,6 +73,11 @@ BAD = {
     "damping": (lambda: controller(damping=-1.0), "damping"),
     "guard": (lambda: controller(guard="yes"), "guard"),
     "backend": (lambda: controller(backend=7), "backend"),
+    "acceleration": (lambda: controller(acceleration_limit=0.0), "acceleration_limit"),
+    "tool speed": (lambda: controller(tool_speed=0.0), "tool_speed"),
+    "margin": (lambda: controller(position_margin=-0.1), "position_margin"),
+    "infinite margin": (lambda: controller(position_margin=np.inf), "position_margin"),
+    "margin that leaves no range": (lambda: controller(position_margin=10.0), "position_margin"),
 }
 
 

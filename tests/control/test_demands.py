@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.loops import OwnDemand
 
 import invariantqp as iq
 from invariantqp.control.demands import View, demands_of
@@ -283,13 +284,6 @@ def test_another_solver_scales_a_twist_alike():
     np.testing.assert_allclose(theirs.velocity, ours.velocity, atol=1e-6)
 
 
-class OfUser:
-    """A demand of the user's own, by the rows of ExactTwist."""
-
-    def rows(self, view):
-        return iq.control.ExactTwist().rows(view)
-
-
 def test_a_displaced_tool_frame_does_not_change_a_whole_twist():
     robot, q = iq.load_robot("ur5e"), np.array(ARMS["ur5e"])
     offset = iq.exp([0.4, -0.8, 0.3, 0.1, 0.2, -0.1])
@@ -297,7 +291,7 @@ def test_a_displaced_tool_frame_does_not_change_a_whole_twist():
     found = [
         iq.Controller(arm, dt=DT, gain=5.0, exact=exact).step(q, T, AHEAD).velocity
         for arm, T in ((robot, target), (robot.with_tool(offset), target @ offset))
-        for exact in ("twist", iq.control.ExactTwist(), OfUser())
+        for exact in ("twist", iq.control.ExactTwist(), OwnDemand(iq.control.ExactTwist()))
     ]
     for other in found[1:]:
         np.testing.assert_allclose(other, found[0], atol=1e-10)

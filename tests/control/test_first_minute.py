@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from support.loops import drive
 from support.repeats import repeats
 
 import invariantqp as iq
@@ -224,8 +225,7 @@ def test_at_a_target_that_is_reached_it_is_ok(goal):
         q = np.array([0.0, -1.4, 0.3, -1.8, -1.57, 0.0])
         target = robot.pose([0.0, -1.4, 0.0, -1.8, -1.57, 0.0])
     loop, aim = iq.Controller(robot, dt=0.004, gain=25.0), robot.target(target)
-    for _ in range(2500):
-        q = q + 0.004 * loop.step(q, aim).velocity
+    q, _ = drive(loop, q, aim, 2500).end
     assert np.linalg.norm(iq.log(target @ iq.inverse(robot.pose(q)))) < GROWING * SLACK
     solution = loop.step(q, aim)
     assert solution.status == "ok", solution.reason
@@ -287,14 +287,10 @@ def test_at_its_target_an_arm_with_fewer_joints_than_exact_rows_is_ok():
     exact = [iq.control.ExactPoint([0.0, 0.0, 0.0]), iq.control.ExactAxis([0.0, 0.0, 1.0])]
     loop, q = iq.Controller(robot, dt=0.002, exact=exact), np.array([0.3, 0.6, 0.9])
     target = robot.pose(q + 0.1)
-    said = []
-    for _ in range(300):
-        solution = loop.step(q, target)
-        q = q + 0.002 * solution.velocity
-        said.append(solution.status)
-    np.testing.assert_allclose(robot.pose(q), target, atol=1e-9)
-    assert said[0] == "degraded"  # it cannot go there in that way
-    assert said[-1] == "ok"
+    run = drive(loop, q, target, 300)
+    np.testing.assert_allclose(robot.pose(run.q[-1]), target, atol=1e-9)
+    assert run.solutions[0].status == "degraded"  # it cannot go there in that way
+    assert run.solutions[-1].status == "ok"
 
 
 @pytest.mark.parametrize("options", [{}, {"acceleration_limit": 10.0}], ids=str)
@@ -303,12 +299,9 @@ def test_turned_in_place_the_tool_stays_at_every_rate(dt, gain, options):
     """How fast a turn is asked for that joints cannot do so fast does not decide how far the tool swings."""
     robot, q = iq.load_robot("panda"), np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
     target = robot.pose(q) @ iq.exp([0.0, 0.25 * np.pi, 0.0, 0.0, 0.0, 0.0])
-    loop, swing = iq.Controller(robot, dt=dt, gain=gain, **options), 0.0
-    for _ in range(round(1.5 / dt)):
-        q = q + dt * loop.step(q, target).velocity
-        swing = max(swing, np.linalg.norm((robot.pose(q) - target)[:3, 3]))
-    assert swing < 0.01
-    assert np.linalg.norm((robot.pose(q) - target)[:3]) < 1e-3
+    q = drive(iq.Controller(robot, dt=dt, gain=gain, **options), q, target, round(1.5 / dt)).q
+    assert max(np.linalg.norm((robot.pose(p) - target)[:3, 3]) for p in q[1:]) < 0.01
+    assert np.linalg.norm((robot.pose(q[-1]) - target)[:3]) < 1e-3
 
 
 @pytest.mark.cases(1)
@@ -405,8 +398,6 @@ def test_a_locked_joint_that_is_missed_is_said_at_rest():
     target = iq.transform(translation=[0.05, 0.1, 0.05]) @ arm.pose(q)
     locked = iq.control.ExactJoints(np.eye(6)[5:], [0.0])
     loop = iq.Controller(arm, dt=0.01, exact=locked)
-    for _ in range(800):
-        solution = loop.step(q, target)
-        q = q + 0.01 * solution.velocity
+    _, solution = drive(loop, q, target, 800).end
     assert solution.status == "limited"
     assert solution.reason == "no velocity reduces the error: it is the least that these joints and limits allow"

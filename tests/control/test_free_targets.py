@@ -6,6 +6,7 @@ import pickle
 import numpy as np
 import pytest
 from support.arms import arm, ready
+from support.loops import OwnDemand, drive
 
 import invariantqp as iq
 
@@ -28,14 +29,10 @@ def errors(robot, q, target):
     return off, np.arctan2(np.linalg.norm(np.cross(axis, target.axis)), axis @ target.axis)
 
 
-def drive(robot, q, target, seconds=4.0, **options):
-    """Where the joints end, the last solution, and by how much all joints moved together in all."""
-    loop, travel = iq.Controller(robot, dt=DT, **options), 0.0
-    for _ in range(round(seconds / DT)):
-        solution = loop.step(q, target)
-        q = q + DT * solution.velocity
-        travel += DT * np.abs(solution.velocity).sum()
-    return q, solution, travel
+def reach(robot, q, target, seconds=4.0, **options):
+    """Joint positions at the end, the last solution, and the sum of all joints' motions."""
+    run = drive(iq.Controller(robot, dt=DT, **options), q, target, round(seconds / DT))
+    return *run.end, DT * np.abs(run.x).sum()
 
 
 def random_chain(rng, m):
@@ -62,7 +59,7 @@ def test_what_is_asked_is_reached_by_random_arms(m, seed):
     rng = np.random.default_rng((m, seed))
     robot, q = random_chain(rng, m), rng.uniform(-1.0, 1.0, m)
     for target in targets_near(robot, q, rng):
-        q_end, solution, _ = drive(robot, q, target)
+        q_end, solution, _ = reach(robot, q, target)
         assert max(errors(robot, q_end, target)) < 1e-6
         assert solution.status == "ok"
         np.testing.assert_allclose(solution.residual, 0.0, atol=1e-6)
@@ -73,7 +70,7 @@ def test_what_is_asked_is_reached_by_random_arms(m, seed):
 def test_what_is_asked_is_reached_by_named_arms(name, seed):
     rng, robot = np.random.default_rng(seed), iq.load_robot(name)
     for target in targets_near(robot, ready(name), rng):
-        q_end, solution, _ = drive(robot, ready(name), target, posture=False)
+        q_end, solution, _ = reach(robot, ready(name), target, posture=False)
         assert max(errors(robot, q_end, target)) < 1e-6
         assert solution.status == "ok"
 
@@ -84,16 +81,16 @@ def test_what_is_free_is_not_turned_for_nothing(name):
     for _ in range(4):
         twist = np.concatenate((rng.uniform(-1.0, 1.0, 3), rng.uniform(-0.1, 0.1, 3)))
         pose = robot.pose(q) @ iq.exp(twist)
-        _, _, whole = drive(robot, q, pose, posture=False)
+        _, _, whole = reach(robot, q, pose, posture=False)
         for target in (iq.Target(pose[:3, 3]), iq.Target(pose[:3, 3], pose[:3, 2]), iq.Target(axis=pose[:3, 2])):
-            _, _, travel = drive(robot, q, target, posture=False)
+            _, _, travel = reach(robot, q, target, posture=False)
             assert travel <= 1.02 * whole
 
 
 def test_a_spin_that_does_not_matter_is_left_alone():
     robot, q = iq.load_robot("ur5"), ready("ur5")
     spun = robot.pose(q) @ iq.transform(translation=[0.05, 0.03, 0.02]) @ iq.exp([0, 0, 2.5, 0, 0, 0])
-    q_end, _, _ = drive(robot, q, iq.Target(spun[:3, 3], spun[:3, 2]))
+    q_end, _, _ = reach(robot, q, iq.Target(spun[:3, 3], spun[:3, 2]))
     assert np.abs(q_end - q).max() < 0.3
     assert np.linalg.norm(robot.pose(q_end)[:3, 3] - spun[:3, 3]) < 1e-6
 
@@ -205,10 +202,7 @@ def test_an_axis_turned_round_goes_one_way(turned):
     robot, q = iq.load_robot("ur5"), ready("ur5")
     axis = (robot.pose(q) @ iq.exp([turned, 0, 0, 0, 0, 0]))[:3, 2]
     target, loop = iq.Target(axis=axis), iq.Controller(robot, dt=DT)
-    angles = []
-    for _ in range(600):
-        angles.append(errors(robot, q, target)[1])
-        q = q + DT * loop.step(q, target).velocity
+    angles = [errors(robot, p, target)[1] for p in drive(loop, q, target, 599).q]
     assert angles[-1] < 1e-6
     assert (np.diff(angles) < 1e-9).all()
 
@@ -228,7 +222,7 @@ def test_out_of_reach_the_arm_comes_to_rest(kind):
     if kind == "axis":
         robot = robot.with_limits(velocity_limit=[1.0, 1.0, 1.0, 1.0, 1e-9, 1e-9, 1e-9])
     target = iq.Target(**(far if kind == "both" else {kind: far[kind]}))
-    q, solution, _ = drive(robot, q, target, seconds=20.0)
+    q, solution, _ = reach(robot, q, target, seconds=20.0)
     assert np.abs(solution.velocity).max() < 1e-2
     if kind != "axis":
         assert solution.status in {"limited", "scaled"}
@@ -258,11 +252,8 @@ def test_with_limited_accelerations_it_brakes_without_overshoot(delay):
     robot, q = iq.load_robot("ur5"), ready("ur5")
     target = iq.Target(robot.pose(q)[:3, 3] + [0.2, 0.1, -0.1])
     loop = iq.Controller(robot, dt=DT, acceleration_limit=3.0, delay=delay, gain=5.0)
-    flight, off = [np.zeros(6)] * round(delay / DT), []
-    for _ in range(500):
-        flight.append(loop.step(q, target).velocity)
-        q = q + DT * flight.pop(0)
-        off.append(errors(robot, q, target)[0])
+    run = drive(loop, q, target, 500, late=round(delay / DT))
+    off = [errors(robot, p, target)[0] for p in run.q[1:]]
     assert off[-1] < 1e-6
     assert (np.diff(off) < 1e-6).all()
 
@@ -274,20 +265,20 @@ def test_a_point_and_an_axis_on_five_joints_are_reached_exactly():
         pose = robot.pose(q + rng.uniform(-0.4, 0.4, 5))
         spun = pose @ iq.exp([0.0, 0.0, 2.0, 0.0, 0.0, 0.0])  # a turn that five joints cannot also have
         target = iq.Target(spun[:3, 3], spun[:3, 2])
-        q_end, solution, _ = drive(robot, q, target)
+        q_end, solution, _ = reach(robot, q, target)
         assert max(errors(robot, q_end, target)) < 1e-6
         assert solution.status == "ok"
-        least, _, _ = drive(robot, q, spun)
+        least, _, _ = reach(robot, q, spun)
         assert max(errors(robot, least, target)) > 1e-3
 
 
 def test_a_planar_arm_reaches_points_of_its_plane():
     screws = np.column_stack([iq.revolute(Z, [0.4 * i, 0.0, 0.0]) for i in range(3)])
     robot, q = iq.robots.Chain(screws, iq.transform(translation=[1.1, 0.0, 0.0])), np.array([0.3, 0.5, 0.4])
-    q_end, solution, _ = drive(robot, q, np.array([0.5, 0.7, 0.0]))
+    q_end, solution, _ = reach(robot, q, np.array([0.5, 0.7, 0.0]))
     np.testing.assert_allclose(robot.pose(q_end)[:3, 3], [0.5, 0.7, 0.0], atol=1e-6)
     assert solution.status == "ok"
-    q_end, solution, _ = drive(robot, q, np.array([0.5, 0.7, 0.2]))  # above the plane
+    q_end, solution, _ = reach(robot, q, np.array([0.5, 0.7, 0.2]))  # above the plane
     assert np.linalg.norm(robot.pose(q_end)[:2, 3] - [0.5, 0.7]) ** 2 < 2e-3 * 0.2**2  # a thousandth is not gone for
     assert solution.status == "limited"
     assert not np.abs(solution.velocity).max() > 1e-3
@@ -307,7 +298,7 @@ def test_exact_demands_beside_what_is_free():
     robot, q = iq.load_robot("panda"), ready("panda")
     pose = robot.pose(q + 0.2)
     exact = [iq.control.ExactPoint(), iq.control.ExactAxis(Z), iq.control.ExactJoints([[1.0, 0, 0, 0, 0, 0, 0]])]
-    q_end, solution, _ = drive(robot, q, iq.Target(pose[:3, 3], pose[:3, 2]), exact=exact)
+    q_end, solution, _ = reach(robot, q, iq.Target(pose[:3, 3], pose[:3, 2]), exact=exact)
     assert max(errors(robot, q_end, iq.Target(pose[:3, 3], pose[:3, 2]))) < 1e-6
     assert q_end[0] == pytest.approx(q[0], abs=1e-9)
     assert solution.status == "ok"
@@ -317,33 +308,21 @@ class Mine(iq.robots.Chain):
     """A robot that is no plain Chain: the engine asks Python for it."""
 
 
-class Kept:
-    """A demand of the user's own, the point that follows its target."""
-
-    def rows(self, view):
-        return iq.control.ExactPoint().rows(view)
-
-
 @pytest.mark.parametrize("name", ["ur5", "so101"])
 def test_robots_and_demands_of_the_users_own_do_the_same(name):
     robot, q = iq.load_robot(name), ready(name)
-    own = Mine(
-        **{
-            n: getattr(robot, n)
-            for n in ("screws", "home", "names", "position_lower", "position_upper", "velocity_limit")
-        }
-    )
+    limits = robot.position_lower, robot.position_upper, robot.velocity_limit
+    own = Mine(robot.screws, robot.home, robot.names, *limits)
     pose = robot.pose(q + 0.2)
-    for target in (
-        iq.Target(pose[:3, 3]),
-        iq.Target(pose[:3, 3], pose[:3, 2]),
-        iq.Target(axis=pose[:3, 2]),
-        pose[:3, 3],
-    ):
+    p, z = pose[:3, 3], pose[:3, 2]
+    for target in (iq.Target(p), iq.Target(p, z), iq.Target(axis=z), p):
         plain = iq.Controller(robot, dt=DT).step(q, target)
         np.testing.assert_allclose(iq.Controller(own, dt=DT).step(q, target).velocity, plain.velocity, atol=1e-12)
     for target in (iq.Target(pose[:3, 3]), iq.Target(pose[:3, 3], pose[:3, 2])):
-        exact = [iq.Controller(robot, dt=DT, exact=e).step(q, target) for e in (iq.control.ExactPoint(), Kept())]
+        exact = [
+            iq.Controller(robot, dt=DT, exact=e).step(q, target)
+            for e in (iq.control.ExactPoint(), OwnDemand(iq.control.ExactPoint()))
+        ]
         np.testing.assert_allclose(exact[0].velocity, exact[1].velocity, atol=1e-9)
 
 

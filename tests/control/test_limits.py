@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 from support.arms import ready
+from support.loops import drive
 
 import invariantqp as iq
 from invariantqp.limits import AccelerationLimit, JointLimits, Limit, LimitRows, PinkLimit, ToolSpeed
@@ -63,15 +64,8 @@ def answer(robot, **options):
     return iq.Controller(robot, dt=DT, **options).step(PANDA, target)
 
 
-def driven(robot, goal, ticks=200, each=lambda q, before, solution: None, **options):
-    """The last solution of a move towards the goal; `each` looks at every tick."""
-    loop, q, before = iq.Controller(robot, dt=DT, **options), PANDA, np.zeros(7)
-    for _ in range(ticks):
-        solution = loop.step(q, goal)
-        each(q, before, solution)
-        before = solution.velocity
-        q = q + DT * before
-    return q, solution
+def driven(robot, goal, ticks=200, **options):
+    return drive(iq.Controller(robot, dt=DT, **options), PANDA, goal, ticks)
 
 
 class Kind(NamedTuple):
@@ -110,10 +104,9 @@ KINDS = {
 @pytest.mark.parametrize("name", KINDS)
 def test_every_kind_holds_by_the_one_door_and_is_met(robot, name):
     limit, _, used, move = KINDS[name]
-    most = [0.0]
-    goal = iq.transform(translation=move) @ robot.pose(PANDA)
-    driven(robot, goal, 400, lambda q, b, s: most.append(used(robot, q, b, s.velocity)), gain=20.0, limits=[limit])
-    assert 0.97 < max(most) < 1.0 + 1e-9
+    run = driven(robot, iq.transform(translation=move) @ robot.pose(PANDA), 400, gain=20.0, limits=[limit])
+    ticks = zip(run.q[:-1], run.x - run.changes, run.x, strict=True)
+    assert 0.97 < max(used(robot, *tick) for tick in ticks) < 1.0 + 1e-9
 
 
 @pytest.mark.parametrize("name", [name for name, kind in KINDS.items() if kind.shortcut is not None])
@@ -128,15 +121,15 @@ def test_joint_limits_are_those_of_a_narrower_robot(robot, goal):
     low, high, speed = PANDA - 0.3, PANDA + np.array([0.05, 1, 1, 1, 1, 1, 1]), np.full(7, 0.3)
     narrow = robot.with_limits(np.maximum(low, robot.position_lower), np.minimum(high, robot.position_upper), speed)
     limits = [JointLimits(low, high), JointLimits(velocity_limit=0.3), AccelerationLimit(9.0), AccelerationLimit(6.0)]
-    q, _ = driven(robot, goal, posture=False, limits=limits)
-    other, _ = driven(narrow, goal, posture=False, acceleration_limit=6.0)
+    q = driven(robot, goal, posture=False, limits=limits).q[-1]
+    other = driven(narrow, goal, posture=False, acceleration_limit=6.0).q[-1]
     np.testing.assert_allclose(q, other, atol=1e-12)
 
 
 def test_a_joint_is_locked_by_a_speed_of_zero(robot, goal):
     fastest = np.full(7, np.inf)
     fastest[2] = 0.0
-    q, solution = driven(robot, goal, limits=[JointLimits(velocity_limit=fastest)])
+    q, solution = driven(robot, goal, limits=[JointLimits(velocity_limit=fastest)]).end
     assert q[2] == PANDA[2]
     assert np.isfinite(solution.velocity).all()
     np.testing.assert_allclose(robot.pose(q)[:3, 3], goal[:3, 3], atol=0.02)  # six joints go there
@@ -218,18 +211,16 @@ class Misspelled(Limit):
 class Payload(Limit):
     """A limit that never gives way: half of the accelerations, and a slow wrist."""
 
-    def narrowed(self, loop):
+    def tightened(self, loop):
         fastest = loop.velocity_limit.copy()
         fastest[6] = 0.01
         return loop._replace(acceleration=0.5 * loop.acceleration, velocity_limit=fastest)
 
 
 def test_a_limit_of_ones_own_may_narrow_what_never_gives_way(robot, goal):
-    seen = []
-    limits = [AccelerationLimit(8.0), Payload()]
-    driven(robot, goal, 100, lambda q, b, s: seen.append((np.abs(s.velocity - b), s.velocity)), limits=limits)
-    assert max(change.max() for change, _ in seen) == pytest.approx(4.0 * DT)
-    assert max(abs(x[6]) for _, x in seen) == pytest.approx(0.01)
+    run = driven(robot, goal, 100, limits=[AccelerationLimit(8.0), Payload()])
+    assert np.abs(run.changes).max() == pytest.approx(4.0 * DT)
+    assert np.abs(run.x[:, 6]).max() == pytest.approx(0.01)
 
 
 def test_a_tool_speed_by_this_door(robot):
@@ -247,7 +238,7 @@ def test_a_tool_speed_by_this_door(robot):
         (ROWS, "limits: found .*; expected a list"),
         ([0.25], "limits: found 0.25; expected LimitRows, a function of q that returns them, JointLimits"),
         ([None], "limits: found None"),
-        ([Misspelled()], "limits: found .*Misspelled.*; expected a Limit that has rows, narrowed or for_loop"),
+        ([Misspelled()], "limits: found .*Misspelled.*; expected a Limit that has rows, tightened or for_loop"),
         ([JointLimits], "limits: found .*JointLimits"),
         ([LimitRows([[1.0, 0.0]], [0.0], [1.0])], "limits: found rows on 2 joints; expected rows on 7"),
         ([JointLimits(velocity_limit=[1.0, 2.0])], "limits: found JointLimits on 2 joints"),
@@ -425,16 +416,8 @@ def test_a_barrier_that_reads_collisions_is_given_them_or_refused_when_the_contr
     below = iq.transform(translation=[0.0, 0.0, -0.19]) @ start
     near = {}
     for label, limits in (("kept", [PinkLimit(barrier, collision_model=spheres(robot, at))]), ("without", [])):
-        distances = []
-        driven(
-            robot,
-            below,
-            600,
-            lambda q, b, s, found=distances: found.append(np.linalg.norm(robot.pose(q)[:3, 3] - at) - 0.1),
-            gain=10.0,
-            limits=limits,
-        )
-        near[label] = min(distances)
+        q = driven(robot, below, 600, gain=10.0, limits=limits).q
+        near[label] = min(np.linalg.norm(robot.pose(p)[:3, 3] - at) for p in q) - 0.1
     assert near["without"] < 0.0
     assert 0.018 < near["kept"] < 0.025
 

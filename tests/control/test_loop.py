@@ -6,6 +6,7 @@ import pickle
 import numpy as np
 import pytest
 from support.arms import ready
+from support.loops import OwnDemand, drive
 
 import invariantqp as iq
 from invariantqp import _core
@@ -68,13 +69,6 @@ class Bare:
         return getattr(self._chain, name)
 
 
-class Point:
-    """An exact demand of the user's own, by the rows of ExactPoint."""
-
-    def rows(self, view):
-        return ExactPoint().rows(view)
-
-
 @pytest.mark.parametrize("options", [{}, {"exact": "position"}, {"acceleration_limit": 8.0, "delay": 0.01}], ids=str)
 def test_robots_and_demands_of_the_users_own_have_the_same_ticks(options):
     chain, q = iq.load_robot("panda"), ready("panda")
@@ -82,7 +76,7 @@ def test_robots_and_demands_of_the_users_own_have_the_same_ticks(options):
     expected = driven(wanted, q, target, 40)
     made = [iq.Controller(Bare(chain), dt=DT, **options)]
     if "exact" in options:
-        made.append(iq.Controller(chain, dt=DT, exact=Point()))
+        made.append(iq.Controller(chain, dt=DT, exact=OwnDemand(ExactPoint())))
     for loop in made:
         found = driven(loop, q, target, 40)
         np.testing.assert_allclose(found[0], expected[0], rtol=0.0, atol=1e-9)
@@ -116,9 +110,7 @@ def test_a_joint_that_is_locked_stops_no_redundant_arm():
     for joint in range(7):
         fastest = np.full(7, np.inf)
         fastest[joint] = 0.0
-        loop, x = iq.Controller(robot, dt=DT, limits=[JointLimits(velocity_limit=fastest)]), q
-        for _ in range(400):
-            x = x + DT * loop.step(x, target).velocity
+        x, _ = drive(iq.Controller(robot, dt=DT, limits=[JointLimits(velocity_limit=fastest)]), q, target, 400).end
         assert x[joint] == q[joint]
         if joint not in (3, 5):  # without which this arm's plane is a singularity that it does not leave
             assert np.linalg.norm((robot.pose(x) - target)[:3, 3]) < 1e-3

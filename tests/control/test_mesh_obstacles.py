@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
+from support.loops import drive
 
 import invariantqp as iq
 from invariantqp.limits import Box, Capsule, Clearance, HalfSpace, Sphere
@@ -21,6 +22,7 @@ DT = 0.002
 SIZE = np.array([0.24, 0.4, 0.3])
 CORNERS = 0.5 * SIZE * np.array(list(product((-1.0, 1.0), repeat=3)))
 START = np.array([1.2, -1.4, 1.6, -1.8, -1.57, 0.0])
+GANTRY = iq.robots.Chain(np.vstack((np.zeros((3, 3)), np.eye(3))), np.eye(4), velocity_limit=1.0)
 
 
 def surface(place, **options):
@@ -56,8 +58,7 @@ def test_a_hull_is_as_far_as_mujoco_says():
     rng = np.random.default_rng(4)
     points = rng.normal(size=(12, 3)) * [0.1, 0.2, 0.15]
     vertices = " ".join(repr(float(x)) for x in points.ravel())
-    arm = iq.robots.Chain(np.vstack((np.zeros((3, 3)), np.eye(3))), np.eye(4), velocity_limit=1.0)
-    limit = Clearance(arm, {"tool": [Capsule([0, 0, -0.1], [0, 0, 0.1], 0.03)]}, [Mesh(points, hull=True)])
+    limit = Clearance(GANTRY, {"tool": [Capsule([0, 0, -0.1], [0, 0, 0.1], 0.03)]}, [Mesh(points, hull=True)])
     text = (f'<mujoco><asset><mesh name="m" vertex="{vertices}"/></asset><worldbody><body>'
             '<geom type="mesh" mesh="m"/></body>'
             '<body name="b" mocap="true"><geom type="capsule" size=".03 .1"/></body></worldbody></mujoco>')  # fmt: skip
@@ -100,16 +101,14 @@ def test_a_hand_goes_into_a_hollow_but_not_through_its_sides():
         u, v = np.array([a, 0, 0]), np.array([0, b, c])
         faces += [[len(points) + k for k in three] for three in ((0, 1, 2), (0, 2, 3))]
         points += [middle - u - v, middle + u - v, middle + u + v, middle - u + v]
-    hand = iq.robots.Chain(np.vstack((np.zeros((3, 3)), np.eye(3))), np.eye(4), velocity_limit=1.0)
     ball = {"tool": [Sphere([0, 0, 0], 0.02)]}
     inside = np.array([0.0, 0.03, 0.12])
-    assert Clearance(hand, ball, [Mesh(points, hull=True)]).at(inside).distance < 0.0
-    limit = Clearance(hand, ball, [Mesh((points, faces), name="channel")])
+    assert Clearance(GANTRY, ball, [Mesh(points, hull=True)]).at(inside).distance < 0.0
+    limit = Clearance(GANTRY, ball, [Mesh((points, faces), name="channel")])
     assert limit.at(inside).distance == pytest.approx(0.07 - 0.02, abs=1e-9)
-    loop, q = iq.Controller(hand, dt=DT, limits=[limit]), np.array([0.0, 0.05, 0.4])
+    loop, q = iq.Controller(GANTRY, dt=DT, limits=[limit]), np.array([0.0, 0.05, 0.4])
     for target, ends in (([0, 0.05, 0.01], [0, 0.05, 0.04]), ([0, 0.3, 0.04], [0, 0.06, 0.04])):
-        for _ in range(600):
-            q = q + DT * loop.step(q, iq.transform(translation=target)).velocity
+        q, _ = drive(loop, q, iq.transform(translation=target), 600).end
         np.testing.assert_allclose(q, ends, atol=1e-4)
 
 
@@ -135,15 +134,13 @@ def test_a_mesh_is_copied_and_pickled_and_says_what_it_is():
 def test_a_file_is_read_in_its_units(tmp_path):
     file = tmp_path / "plate.obj"
     file.write_text("v 0 0 0\nv 1000 0 0\nv 0 1000 0\nf 1 2 3\n")
-    slide = iq.robots.Chain(np.vstack((np.zeros((3, 3)), np.eye(3))), np.eye(4), velocity_limit=1.0)
-    limit = Clearance(slide, {"tool": [Sphere([0, 0, 0], 0.1)]}, [Mesh(file, scale=0.001)])
+    limit = Clearance(GANTRY, {"tool": [Sphere([0, 0, 0], 0.1)]}, [Mesh(file, scale=0.001)])
     assert limit.at([0.2, 0.2, 0.5]).distance == pytest.approx(0.4, abs=1e-9)
     assert limit.at([-0.3, 0.2, 0.4]).distance == pytest.approx(0.4, abs=1e-9)
 
 
 def test_a_half_space_that_moves_is_kept_off_a_mesh():
-    slide = iq.robots.Chain(np.vstack((np.zeros((3, 3)), np.eye(3))), np.eye(4), velocity_limit=1.0)
-    limit = Clearance(slide, {"tool": [HalfSpace([0, 0, 0], [0, 0, 1])]}, [Mesh(CORNERS, hull=True)])
+    limit = Clearance(GANTRY, {"tool": [HalfSpace([0, 0, 0], [0, 0, 1])]}, [Mesh(CORNERS, hull=True)])
     assert limit.at([0.0, 0.0, -0.5]).distance == pytest.approx(0.35, abs=1e-12)
 
 

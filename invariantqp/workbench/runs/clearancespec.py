@@ -118,7 +118,7 @@ class Around:
         for i, (spec, obstacle) in enumerate(zip(obstacles, self.obstacles, strict=True)):
             if not isinstance(obstacle, Shape):
                 for key in ("start",) if spec.end is None else ("start", "end"):
-                    obstacle.believed(getattr(spec, key), f"obstacle[{i}].{key}")
+                    obstacle.checked_positions(getattr(spec, key), f"obstacle[{i}].{key}")
         bodies: dict[str, list[Shape]] | None = None
         if clearance.body is not None:
             bodies = {}

@@ -13,7 +13,7 @@ from math import pi
 import numpy as np
 
 from invariantqp.control.controller import Controller, Controls
-from invariantqp.control.limits import AnyLimit as Limit
+from invariantqp.control.loop_limits import AnyLimit as Limit
 from invariantqp.control.shared import SharedTask
 from invariantqp.control.target import met_by
 from invariantqp.control.tracking import tracking_twist

@@ -318,7 +318,7 @@ class Task(Section):
 
 def started(robot: Robot, start: Array) -> Array:
     """Joint positions (m,) at the start of a run, for which a loop holds no tick."""
-    return Controller(robot, dt=LawSpec().dt).believed(start, "robot.start")
+    return Controller(robot, dt=LawSpec().dt).checked_positions(start, "robot.start")
 
 
 def shipped_tasks(group: str = "") -> dict[str, FilePath]:
