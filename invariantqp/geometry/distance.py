@@ -56,7 +56,7 @@ def distances(a: CollisionObject, b: CollisionObject) -> list[DistanceResult]:
     elif a.mesh is not None:
         results = [DistanceResult(d, -normal, point + d * normal) for d, normal, point in a.mesh.distances(a.pose, b)]
     else:
-        return [DistanceResult(float(row[0]), row[1:4], row[4:]) for row in law.places(a.numbers, b.numbers)]
+        return [DistanceResult(float(row[0]), row[1:4], row[4:]) for row in law.witnesses(a.numbers, b.numbers)]
     thickness = a.radius + b.radius
     return sorted((DistanceResult(d - thickness, normal, point) for d, normal, point in results), key=itemgetter(0))
 
