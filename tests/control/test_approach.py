@@ -72,7 +72,7 @@ def test_out_of_reach_under_acceleration_limits_the_arm_rests_and_does_not_swing
 
 @pytest.mark.parametrize("late", [0, 2, 8])
 @pytest.mark.parametrize("name", ["ur5", "kinova"])
-def test_far_out_of_reach_a_late_arm_rests_soon_without_acceleration_limits_too(name, late):
+def test_far_out_of_reach_an_arm_with_delay_comes_to_rest_without_acceleration_limits(name, late):
     """The speed that a stretched arm would need towards its target keeps nothing else of the way back."""
     robot, dt = iq.load_robot(name), 0.01
     rng = np.random.default_rng(7)
@@ -87,7 +87,7 @@ def test_far_out_of_reach_a_late_arm_rests_soon_without_acceleration_limits_too(
         assert solutions[-1].status == "limited"
 
 
-def test_a_feedforward_is_no_way_to_brake_on():
+def test_the_feedforward_is_not_braked():
     """A target's own motion is not braked: beside acceleration limits a line at constant speed is followed."""
     loop = iq.Controller(PANDA, dt=0.002, acceleration_limit=5.0)
     q, x, far = READY, np.zeros(7), []
@@ -101,7 +101,7 @@ def test_a_feedforward_is_no_way_to_brake_on():
     assert max(far[500:]) < 1e-3
 
 
-def test_a_delay_that_was_told_is_waited_for_and_one_that_was_not_is_noticed():
+def test_a_declared_delay_is_compensated_and_an_undeclared_one_is_reported():
     target = iq.exp([0.2, -0.1, 0.3, 0.1, -0.05, 0.1]) @ PANDA.pose(READY)
     dt, late = 0.002, 15
     ends = {}
@@ -121,7 +121,7 @@ def test_a_delay_that_was_told_is_waited_for_and_one_that_was_not_is_noticed():
     assert not any("not converging" in s.reason for s in solutions)
 
 
-def test_a_small_vibration_that_an_untold_delay_keeps_up_is_told():
+def test_a_small_vibration_of_an_undeclared_delay_is_reported():
     """Some millimetres at the tool, under acceleration limits: 20 ms of dead time and a motor's lag of 15."""
     dt, q, v = 0.001, np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8]), np.zeros(7)
     target = PANDA.pose(q)
@@ -139,7 +139,7 @@ def test_a_small_vibration_that_an_untold_delay_keeps_up_is_told():
 
 
 @pytest.mark.parametrize("yaw", np.linspace(-np.pi, np.pi, 6))
-def test_half_a_turn_out_of_reach_is_turned_one_way(yaw):
+def test_half_a_turn_out_of_reach_keeps_its_direction(yaw):
     screws = np.column_stack([iq.revolute(Z, (x, 0.0, 0.0)) for x in (0.0, 0.4, 0.7)])
     bounds = {"position_lower": np.full(3, -2.5), "position_upper": np.full(3, 2.5), "velocity_limit": np.full(3, 3.0)}
     robot = iq.robots.Chain(screws, iq.transform(translation=(0.9, 0.0, 0.0)), **bounds)

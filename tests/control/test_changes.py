@@ -40,7 +40,7 @@ def driven(robot, goal, ticks, options=lambda _: {}, **more):
 
 @pytest.mark.cases(2)
 @pytest.mark.parametrize("name", LOOPS)
-def test_the_slider_keeps_the_way_and_slows_it_down(robot, goal, name):
+def test_the_speed_override_keeps_the_path_and_slows_it_down(robot, goal, name):
     whole, fast, _ = driven(robot, goal, 300, **LOOPS[name])
     part, slow, _ = driven(robot, goal, 1200, lambda _: {"speed": 0.25}, **LOOPS[name])
     np.testing.assert_allclose(slow[0], 0.25 * fast[0], atol=1e-6 * np.abs(fast[0]).max())
@@ -65,7 +65,7 @@ def test_the_feedforward_is_slowed_down_with_the_approach(robot):
     np.testing.assert_allclose(part, 0.5 * full, atol=1e-9)
 
 
-def test_a_slider_at_zero_brakes_and_stands_still(robot, goal):
+def test_a_speed_override_of_zero_brakes_and_stands_still(robot, goal):
     changes = [{"speed": 1.0}, {"speed": 0.0}, {"speed": 0.3}]
     _, v, solutions = driven(robot, goal, 600, lambda k: changes[k // 200], **LIMITED)
     change = np.abs(np.diff(v, axis=0)).max() / DT
@@ -113,7 +113,7 @@ def test_a_velocity_limit_of_a_tick_holds_as_soon_as_joints_can(robot, goal, opt
         assert np.abs(np.diff(v, axis=0)).max() / DT <= 5.0 * (1.0 + 1e-9)
 
 
-def test_what_is_no_change_is_the_tick_as_it_was(robot, goal):
+def test_neutral_changes_leave_the_tick_unchanged(robot, goal):
     plain = iq.Controller(robot, dt=DT).step(PANDA, goal)
     told = iq.Controller(robot, dt=DT).step(PANDA, goal, speed=1, velocity_limit=np.inf)
     assert told == plain
@@ -130,7 +130,7 @@ def test_what_is_no_change_is_the_tick_as_it_was(robot, goal):
         ({"tool_speed": 0.0}, "tool_speed: found 0"),
     ],
 )
-def test_changes_that_are_none_are_refused(robot, goal, changes, said):
+def test_bad_changes_of_a_tick_are_refused(robot, goal, changes, said):
     loop = iq.Controller(robot, dt=DT)
     with pytest.raises(iq.BadInput, match=said):
         loop.step(PANDA, goal, **changes)

@@ -193,7 +193,7 @@ def pushed(limit, robot, q, dt, direction):
     return found[0], found[-1]
 
 
-def test_where_a_tick_ends_is_what_counts(ur5):
+def test_the_distance_is_kept_at_the_end_of_a_tick(ur5):
     """All joints fast past an edge: a row that is linear where the tick begins does not see how the way turns."""
     box = Box(iq.transform(translation=[0.45, 0.0, 0.15]), [0.24, 0.4, 0.3], name="box")
     limit, dt, rng = Clearance(ur5, LINKS, [box]), 0.01, np.random.default_rng(0)
@@ -205,7 +205,7 @@ def test_where_a_tick_ends_is_what_counts(ur5):
     assert np.min(ends, axis=0)[1] > 0.0197
 
 
-def test_what_ticks_may_take_of_the_distance_does_not_add_up(panda):
+def test_curvature_of_many_ticks_does_not_add_up(panda):
     """Of 20 mm a tick may leave 19.9: one that began at 19.95 is answered once more where it would end at 19.87."""
     limit, dt = Clearance(panda, HAND, [TABLE]), 0.01
     near, _ = drive(iq.Controller(panda, dt=DT, limits=[limit]), READY, below(panda, READY, 0.8), 400).end
@@ -220,7 +220,7 @@ def test_what_ticks_may_take_of_the_distance_does_not_add_up(panda):
     assert (rows.C.dot(large) < rows.lower).any()
 
 
-def test_distances_are_told_in_singular_states_too(panda):
+def test_distances_in_singular_states(panda):
     """A ball on the last axis's far side of a straight arm: to first order, no joint changes its distance."""
     straight = iq.robots.Chain(
         np.column_stack([iq.revolute((0, 1, 0), (0, 0, z)) for z in (0.0, 0.5)]), np.eye(4), velocity_limit=1.0
@@ -238,7 +238,7 @@ def test_distances_are_told_in_singular_states_too(panda):
         assert still.at(q).distance == np.inf  # turning about its own axis, it comes no nearer
 
 
-def test_a_row_is_how_fast_the_distance_of_coal_falls(panda):
+def test_a_row_is_the_gradient_of_coals_distance(panda):
     limit = Clearance(panda, HAND, [TABLE, Sphere([0.5, 0.3, 0.4], 0.05)])
     rng = np.random.default_rng(0)
     checked = 0
@@ -258,7 +258,7 @@ def test_a_row_is_how_fast_the_distance_of_coal_falls(panda):
 
 
 @pytest.mark.parametrize("base", ["fixed", "rail"])
-def test_no_point_of_a_shape_is_faster_than_its_levers_say(ur5, base):
+def test_levers_bound_the_speed_of_every_point_of_a_shape(ur5, base):
     robot = ur5 if base == "fixed" else iq.load_robot("ur5", base=iq.robots.rail([0, 1, 0], -1.0, 1.0, 0.5))
     limit, rng, h, closest = Clearance(robot, None, [TABLE]), np.random.default_rng(5), 1e-6, 0.0
     low, high = np.maximum(robot.position_lower, -np.pi), np.minimum(robot.position_upper, np.pi)
@@ -279,7 +279,7 @@ def test_no_point_of_a_shape_is_faster_than_its_levers_say(ur5, base):
     assert closest > 0.5
 
 
-def test_what_no_joint_can_bring_to_the_distance_does_not_count_while_it_is_there(ur5):
+def test_a_pair_that_is_always_near_is_dropped_until_the_obstacle_moves(ur5):
     """An arm on a desk, its upper arm mounted 5 mm above it, goes as fast as without; so beside what stands there."""
     desk, post = HalfSpace([0, 0, 0], [0, 0, 1], name="desk"), Sphere([0.0, 0.0, 0.0], 0.03, name="post")
     other = OtherArm(iq.load_robot("ur5", base=iq.transform(translation=[0, 2.0, 0])), name="left")
@@ -310,7 +310,7 @@ class States:
         self.positions, self.weights, self.longer, self.grows, self.y = map(np.array, found)
 
 
-def test_who_brakes_on_goes_through_the_states_that_were_looked_at(ur5):
+def test_braking_passes_through_the_predicted_states(ur5):
     """Joints far from their ranges' ends and near them, of an arm and of another one: no row can contradict braking."""
     rng, dt, near = np.random.default_rng(0), 0.001, 0
     high = np.concatenate((ur5.position_upper, np.full(3, np.inf)))
@@ -337,7 +337,7 @@ def test_who_brakes_on_goes_through_the_states_that_were_looked_at(ur5):
 
 @pytest.mark.cases(1)
 @pytest.mark.parametrize(("acceleration", "dt", "delay"), [(3.0, 0.004, 0.0), (10.0, 0.001, 0.0), (3.0, 0.001, 0.02)])
-def test_an_arm_that_is_led_on_into_what_it_must_not_touch_comes_to_rest(panda, acceleration, dt, delay):
+def test_an_arm_led_into_an_obstacle_comes_to_rest(panda, acceleration, dt, delay):
     limit = Clearance(panda, HAND, [TABLE])
     loop = iq.Controller(panda, dt=dt, delay=delay, acceleration_limit=acceleration, limits=[limit])
     under = iq.transform(np.diag([1.0, -1.0, -1.0]), [0.5, 0.0, -0.05])
@@ -381,7 +381,7 @@ def test_a_tick_ends_no_nearer_than_it_began(ur5):
         ),
     ],
 )
-def test_what_leads_back_asks_for_no_more_than_all_limits_leave_together(ur5, obstacle, q, before):
+def test_recovery_rows_are_feasible_with_all_joint_limits(ur5, obstacle, q, before):
     limit, q, before = Clearance(ur5, LINKS, [obstacle]), np.array(q), np.array(before)
     loop = loop_of(ur5, 0.001, 0.0)._replace(acceleration=np.full(6, 10.0))
     rows = limit.rows_at(q, limit.in_loop(loop), before)
@@ -399,7 +399,7 @@ def test_what_leads_back_asks_for_no_more_than_all_limits_leave_together(ur5, ob
 
 @pytest.mark.cases(1)
 @pytest.mark.parametrize("acceleration", [None, 10.0, 30.0])
-def test_parallel_faces_do_not_make_it_tremble(panda, acceleration):
+def test_parallel_faces_do_not_cause_chatter(panda, acceleration):
     """A hand's capsule along a face: the joints' changes are those of the loop without a clearance."""
     box = Box(iq.transform(translation=[0.5, 0.0, 0.1]), [0.3, 0.5, 0.2], name="box")
     tip = {"panda_hand": [Capsule([0, -0.04, 0.085], [0, 0.04, 0.085], 0.025)]}
@@ -422,7 +422,7 @@ def test_parallel_faces_do_not_make_it_tremble(panda, acceleration):
 @pytest.mark.parametrize(
     ("dt", "acceleration", "starts"), [(DT, None, 2), (0.001, 8.0, 1), (0.005, 8.0, 2), (0.02, 2.0, 2)]
 )
-def test_an_arm_into_which_an_obstacle_is_put_comes_out_slowly_and_says_so(ur5, dt, acceleration, starts):
+def test_an_arm_comes_out_of_an_obstacle_slowly_and_reports_it(ur5, dt, acceleration, starts):
     """In the same time at every tick and acceleration, but for the last millimetre: a tick covers a tenth of it."""
     here, away = iq.transform(translation=[0.45, 0.0, 0.15]), iq.transform(translation=[0.45, 0.0, 3.0])
     box = Box(np.eye(4), [0.24, 0.4, 0.3], name="box")
@@ -477,7 +477,7 @@ def test_no_tick_is_ok_while_bodies_are_nearer_than_the_distance(panda, accelera
 @pytest.mark.parametrize("told", [True, False])
 @pytest.mark.parametrize("dt", [0.002, 0.02])
 @pytest.mark.parametrize("speed", [0.1, 0.3])
-def test_it_makes_way_for_what_comes_with_brakes_and_without(ur5, dt, speed, told):
+def test_the_arm_evades_a_moving_obstacle_with_and_without_acceleration_limits(ur5, dt, speed, told):
     """A ball goes through where the hand is: the arm begins in time to go before it, by its own distances."""
     q0 = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
     at, ball = ur5.pose(q0), Sphere([0.0, 0.0, 0.0], 0.08, name="ball")
@@ -494,7 +494,7 @@ def test_it_makes_way_for_what_comes_with_brakes_and_without(ur5, dt, speed, tol
         assert 0.0195 - (0.0 if told else 0.2 * speed * dt) < min(d) < 0.025 + 10.0 * speed * dt
 
 
-def test_it_makes_way_for_what_comes_whether_or_not_its_twist_is_told(panda):
+def test_the_arm_evades_an_obstacle_with_and_without_a_declared_twist(panda):
     """Into the hand and out again, by coal; between two poses of a camera, one in 16 ticks, what comes is not seen."""
     ball = Sphere([0.0, 0.0, 0.0], 0.06, name="ball")
     limit = Clearance(panda, HAND, [ball])
@@ -520,7 +520,7 @@ def test_it_makes_way_for_what_comes_whether_or_not_its_twist_is_told(panda):
 
 
 @pytest.mark.parametrize("count", [1, 2])
-def test_an_obstacle_whose_twist_is_not_told_moves_as_its_last_two_poses_say(panda, count):
+def test_the_twist_of_an_obstacle_is_estimated_from_its_last_two_poses(panda, count):
     """In one loop, and in two that take turns."""
     ball = Sphere([0.0, 0.0, 0.0], 0.06, name="ball")
     limit = Clearance(panda, HAND, [ball])
@@ -551,7 +551,7 @@ def test_an_obstacle_whose_twist_is_not_told_moves_as_its_last_two_poses_say(pan
 
 @pytest.mark.parametrize("told", [True, False])
 @pytest.mark.parametrize("acceleration", [None, 10.0])
-def test_it_makes_way_for_an_arm_that_sweeps(ur5, acceleration, told):
+def test_the_arm_evades_another_arm(ur5, acceleration, told):
     """Both tools at one place, if this arm stayed: it makes way, whether or not the other one's velocity is told."""
     q = np.array([0.0, -1.2, 1.5, -1.0, -1.5, 0.3])
     target, dt, speed, d = ur5.pose(q), 0.004, 0.5, []
@@ -568,7 +568,7 @@ def test_it_makes_way_for_an_arm_that_sweeps(ur5, acceleration, told):
     assert 0.0195 < min(d) < 0.025
 
 
-def test_pairs_that_are_not_kept_apart_are_listed_with_a_reason(panda, ur5):
+def test_dropped_pairs_are_listed_with_a_reason(panda, ur5):
     limit = Clearance(panda, None, [TABLE], exclude=[("panda_hand", "table")])
     why = {(one, other): reason for one, other, reason in limit.dropped}
     assert why["panda_link0", "panda_link1"] == "by the SRDF: Adjacent"
@@ -586,7 +586,7 @@ def test_pairs_that_are_not_kept_apart_are_listed_with_a_reason(panda, ur5):
 
 
 @pytest.mark.filterwarnings("ignore:clearance. nothing is kept apart")
-def test_two_links_that_are_always_near_are_dropped_for_a_proof_and_no_others():
+def test_only_links_that_are_provably_always_near_are_dropped():
     """Two hinges through one point: a ball on the last link stays within reach of one at the base, or comes off it.
 
     So does a rod that begins 10 mm beside the axes and ends half a metre from them; its end takes no part in it.
@@ -602,7 +602,7 @@ def test_two_links_that_are_always_near_are_dropped_for_a_proof_and_no_others():
             assert [d.reason for d in dropped] == ["always nearer than 20.0 mm"] * always
 
 
-def test_another_arm_is_an_obstacle_and_takes_half_the_room_unless_its_velocity_is_known(ur5):
+def test_another_arm_uses_half_of_the_margin_unless_its_velocity_is_declared(ur5):
     other = OtherArm(iq.load_robot("ur5", base=iq.transform(np.diag([-1.0, -1.0, 1.0]), [0.9, 0, 0])), name="left")
     limit = Clearance(ur5, None, [other])
     q = np.array([0.3, -1.3, 1.9, -2.17, -1.57, 0.0])
@@ -644,7 +644,7 @@ def test_another_arm_is_an_obstacle_and_takes_half_the_room_unless_its_velocity_
 
 
 @pytest.mark.parametrize(("acceleration", "tolerance", "seed"), [(None, 1e-4, 1), (10.0, 1.5e-3, 2)])
-def test_two_arms_that_make_way_for_each_other_keep_apart(ur5, acceleration, tolerance, seed):
+def test_two_arms_that_evade_each_other_keep_the_distance(ur5, acceleration, tolerance, seed):
     """Each is told where the other one was and how fast, and that it brakes; both are led to the same place."""
     left = iq.load_robot("ur5", base=iq.transform(np.diag([-1.0, -1.0, 1.0]), [0.9, 0, 0]))
     arms, brakes = (ur5, left), {} if acceleration is None else {"acceleration_limit": acceleration}
@@ -667,7 +667,7 @@ def test_two_arms_that_make_way_for_each_other_keep_apart(ur5, acceleration, tol
     assert 0.02 - tolerance < least < 0.021
 
 
-def test_of_two_arms_each_leaves_the_other_its_half_to_the_end_of_a_tick(ur5):
+def test_each_of_two_arms_leaves_half_of_the_margin_to_the_other_at_the_end_of_a_tick(ur5):
     left, dt = iq.load_robot("ur5", base=iq.transform(np.diag([-1.0, -1.0, 1.0]), [0.9, 0, 0])), 0.01
     q = [
         np.array([0.2744, 0.5347, -2.1503, -0.8648, 2.4904, 1.6511]),
@@ -690,7 +690,7 @@ def test_of_two_arms_each_leaves_the_other_its_half_to_the_end_of_a_tick(ur5):
 
 
 @pytest.mark.parametrize(("speed", "said"), [(2e-4, "ok"), (5e-3, "ok"), (0.02, "degraded")])
-def test_what_comes_so_slowly_that_curvature_takes_as_much_contradicts_nothing(panda, speed, said):
+def test_an_obstacle_slower_than_the_effect_of_curvature_causes_no_contradiction(panda, speed, said):
     stuck = panda.with_limits(position_lower=READY, position_upper=READY)
     at = stuck.pose(READY)
     ball = Sphere([0.0, 0.0, 0.0], 0.05, name="ball")
@@ -702,7 +702,7 @@ def test_what_comes_so_slowly_that_curvature_takes_as_much_contradicts_nothing(p
     assert not solution.velocity.any()
 
 
-def test_a_crowd_of_obstacles_makes_no_more_rows_than_are_kept(ur5):
+def test_many_obstacles_make_at_most_the_largest_number_of_rows(ur5):
     ball, box = Sphere([0, 0, 0], 0.1, name="ball"), Box(np.eye(4), [0.2, 0.4, 0.2], name="box")
     crate = Box(iq.transform(translation=[0.5, 0.2, 0.1]), [0.2, 0.4, 0.2], name="crate")
     limit = Clearance(ur5, None, [ball, box, crate, HalfSpace([0, 0, -0.1], [0, 0, 1])])
@@ -815,7 +815,7 @@ def test_the_unit_of_length_changes_no_velocity(panda, acceleration):
         assert limited > 10
 
 
-def test_shapes_without_a_size_and_shapes_in_each_other_give_numbers(panda):
+def test_degenerate_and_overlapping_shapes_give_finite_rows(panda):
     degenerate = [
         Box(np.eye(4), [0.0, 0.0, 0.0]),
         Box(np.eye(4), [0.3, 0.3, 0.0], name="sheet"),
@@ -915,7 +915,7 @@ def test_a_pose_is_found_where_the_clearance_is_kept_or_is_no_success(ur5):
         iq.solve_pose(ur5, target, clearance=3.0)
 
 
-def test_what_is_pressed_on_is_excluded_by_its_name(panda):
+def test_a_contact_surface_is_excluded_by_name(panda):
     task = iq.HybridTask(lambda tool: iq.point_contact(tool[:3, 3], normal=[0, 0, 1]), [5.0])
     limit = Clearance(panda, HAND, [TABLE], exclude=[("panda_hand", "table")])
     loop = iq.HybridController(panda, task, dt=DT, order="moment first", limits=[limit])
@@ -924,7 +924,7 @@ def test_what_is_pressed_on_is_excluded_by_its_name(panda):
     assert limit.nearest.first == "panda_link5"
 
 
-def test_what_decides_the_rate(panda):
+def test_the_rate_depends_on_tick_and_delay(panda):
     limit = Clearance(panda, HAND, [TABLE])
     assert limit.in_loop(loop_of(panda, 0.001, 0.0)).alpha == pytest.approx(100.0)
     assert limit.in_loop(loop_of(panda, 0.001, 0.02)).alpha == pytest.approx(1.0 / (np.e * 0.0205))
@@ -962,12 +962,12 @@ def test_what_decides_the_rate(panda):
     (lambda r: Clearance(r, HAND, [Sphere([0, 0, 1], 0.1, name="panda_hand")]), "a second body 'panda_hand'"),
     (lambda r: Clearance(r, HAND, [OtherArm(r, HAND), OtherArm(r, HAND)]), "a second body 'other'"),
 ])  # fmt: skip
-def test_what_is_none_is_refused_by_name(panda, make, said):
+def test_bad_arguments_of_a_clearance_are_refused_by_name(panda, make, said):
     with pytest.raises(iq.BadInput, match=said):
         make(panda)
 
 
-def test_obstacles_in_millimetres_are_questioned_and_parked_ones_are_not(panda):
+def test_obstacles_in_millimetres_warn_and_parked_ones_do_not(panda):
     box = Box(iq.transform(translation=[500.0, 0.0, 200.0]), [200.0, 200.0, 400.0], name="box")
     table = HalfSpace([0.0, 0.0, -100.0], [0.0, 0.0, 1.0], name="table")
     with pytest.warns(
@@ -980,7 +980,7 @@ def test_obstacles_in_millimetres_are_questioned_and_parked_ones_are_not(panda):
         Clearance(panda, HAND, [Sphere([100.0, 0.0, 0.0], 0.1, name="parked"), floor])
 
 
-def test_a_distance_that_leaves_nothing_to_keep_apart_is_questioned_once(ur5):
+def test_a_distance_that_drops_all_pairs_warns_once(ur5):
     bodies = {"forearm_link": LINKS["forearm_link"], "tool": [Sphere([0.0, 0.0, 0.0], 0.05)]}
     with pytest.warns(UserWarning, match="nothing is kept 20 apart from .*table, .*than 20000.0 mm; .* metres") as told:
         assert not Clearance(ur5, bodies, [TABLE], distance=20).pairs
@@ -991,7 +991,7 @@ def test_a_distance_that_leaves_nothing_to_keep_apart_is_questioned_once(ur5):
                   exclude=[(link, "foot") for link in bodies])  # fmt: skip
 
 
-def test_a_clearance_that_keeps_nothing_apart_is_questioned(panda):
+def test_a_clearance_without_pairs_warns(panda):
     hand, ball = {"panda_hand": [Sphere([0.0, 0.0, 0.0], 0.05)]}, Sphere([1.0, 0.0, 0.0], 0.1, name="ball")
     with pytest.warns(UserWarning, match=r"nothing is kept apart \(there are no two bodies\)"):
         Clearance(panda, hand)
@@ -1002,14 +1002,14 @@ def test_a_clearance_that_keeps_nothing_apart_is_questioned(panda):
         assert not Clearance(panda, hand, [ball], exclude=[("panda_hand", "ball")]).pairs
 
 
-def test_bodies_that_are_not_there_are_unknown_names(panda):
+def test_unknown_bodies_are_refused(panda):
     with pytest.raises(iq.errors.UnknownName, match="elbow"):
         Clearance(panda, {"elbow": [Sphere([0, 0, 0], 0.1)]})
     with pytest.raises(iq.errors.UnknownName, match="shelf"):
         Clearance(panda, HAND, [TABLE], exclude=[("panda_hand", "shelf")])
 
 
-def test_a_clearance_stays_what_it_was_made_of(panda):
+def test_attributes_of_a_clearance_do_not_change(panda):
     limit = Clearance(panda, HAND, [TABLE])
     for name, value in (("obstacles", []), ("distance", 0.05), ("robot", panda), ("bodies", HAND)):
         with pytest.raises(AttributeError, match=rf"{name} of a clearance does not change: .*limits="):
@@ -1020,7 +1020,7 @@ def test_a_clearance_stays_what_it_was_made_of(panda):
         assert one.at(READY) == limit.at(READY)
 
 
-def test_a_shape_stays_what_it_is():
+def test_attributes_of_a_shape_do_not_change():
     ball = Sphere([0.1, 0, 0], 0.1)
     with pytest.raises(AttributeError, match="move"):
         ball.radius = 0.2

@@ -37,7 +37,7 @@ def begun(limit, name, dt, acceleration, **options):
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize(("name", "dt", "acceleration"), CASES)
 @pytest.mark.parametrize("noise", [0.0, 1e-4])
-def test_an_arm_that_is_told_to_stay_stays(name, dt, acceleration, side, noise):
+def test_an_arm_at_its_target_does_not_move(name, dt, acceleration, side, noise):
     robot, q, rng = iq.load_robot(name), ready(name), np.random.default_rng(0)
     limit = Clearance(robot, None, [beside_the_tool(robot, q, side)])
     pose, start = robot.pose(q), q
@@ -55,7 +55,7 @@ def test_an_arm_that_is_told_to_stay_stays(name, dt, acceleration, side, noise):
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize(("name", "dt", "acceleration"), CASES)
-def test_they_get_no_nearer_and_keep_what_the_arm_has_parted_them_by(name, dt, acceleration, side):
+def test_bodies_get_no_nearer_and_keep_a_larger_distance_that_they_reach(name, dt, acceleration, side):
     """It is led into the ball, then away from it, and into it again."""
     robot, q = iq.load_robot(name), ready(name)
     limit = Clearance(robot, None, [beside_the_tool(robot, q, side)])
@@ -74,7 +74,7 @@ def test_they_get_no_nearer_and_keep_what_the_arm_has_parted_them_by(name, dt, a
     assert min(reached[turns[1] :]) > min(reached[turns[1]], 0.02) - SLACK - 1e-4
 
 
-def test_a_copy_keeps_what_the_loop_keeps():
+def test_a_copy_keeps_the_same_distances():
     robot, q = iq.load_robot("panda"), ready("panda")
     limit = Clearance(robot, None, [beside_the_tool(robot, q, 1.0)])
     loop, pose = iq.Controller(robot, dt=0.01, limits=[limit]), robot.pose(q)
@@ -103,7 +103,7 @@ def test_the_warning_names_what_to_leave_out_and_then_the_arm_is_free():
 
 
 @pytest.mark.parametrize("kind", ["twist", "poses", "goal"])
-def test_followers_begin_so_too(kind):
+def test_followers_keep_distances_of_their_start(kind):
     robot, q = iq.load_robot("panda"), ready("panda")
     limit = Clearance(robot, None, [beside_the_tool(robot, q, 1.0)])
     loop, pose, start = iq.Controller(robot, dt=0.01, acceleration_limit=10.0, limits=[limit]), robot.pose(q), q
@@ -148,7 +148,7 @@ def test_positions_of_the_wrong_kind_are_refused_before_it_begins(wrong):
 
 
 @pytest.mark.parametrize("turn", [1, -1])
-def test_another_arm_whose_encoder_passes_its_seam_does_not_come(turn):
+def test_a_wrap_of_another_arms_encoder_is_no_motion(turn):
     robot, q, other = (
         iq.load_robot("ur5"),
         ready("ur5"),

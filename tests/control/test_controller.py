@@ -82,7 +82,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_a_controller_that_cannot_be(case):
+def test_bad_arguments_of_a_controller_are_refused_by_name(case):
     call, argument = BAD[case]
     with pytest.raises(iq.BadInput, match=r": found .*; expected ") as caught:
         call()

@@ -104,7 +104,7 @@ def test_a_displaced_tool_frame_changes_nothing(so101, exact):
         (iq.control.ExactJoints(np.ones(4)), "rows on 4 joints"),
     ],
 )
-def test_demands_that_are_none(so101, exact, said):
+def test_bad_demands_are_refused(so101, exact, said):
     with pytest.raises(iq.BadInput, match=said):
         stepped(so101, exact)
 

@@ -79,7 +79,7 @@ def test_a_feedforward_beyond_any_scale_is_told_by_its_name(robot, loop):
             loop().step(PANDA, target, ahead)
 
 
-def test_told_to_the_arm_moves_back(robot, loop):
+def test_with_far_outside_return_the_arm_moves_back(robot, loop):
     solution = loop(far_outside="return").step(DEGREES, robot.pose(PANDA))
     assert solution.status == "limited"
     assert np.abs(solution.velocity).max() == robot.velocity_limit.max()

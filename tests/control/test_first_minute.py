@@ -199,7 +199,7 @@ def test_ok_is_what_it_promises_and_limited_names_what_limits(name, loop_name):
     assert seen["limited"] > 5
 
 
-def test_what_moves_is_not_told_that_nothing_helps():
+def test_a_moving_arm_does_not_report_that_no_velocity_helps():
     """A slow arm far from its target does little of what the gain asks for, and gets there; out of reach it rests."""
     robot, q = iq.load_robot("panda"), np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])
     slow = iq.Controller(robot, dt=0.001)
@@ -392,7 +392,7 @@ def test_the_pace_rises_as_the_way_gets_shorter(name):
     assert max(off) < 0.01
 
 
-def test_a_locked_joint_that_is_missed_is_said_at_rest():
+def test_an_arm_at_rest_with_a_locked_joint_reports_the_remaining_error():
     """Beside exact joints nothing moves the tool where it is as near as it comes."""
     arm, q = iq.load_robot("ur5"), np.array([0.4, -1.3, 1.9, -2.1, -1.5, 0.3])
     target = iq.transform(translation=[0.05, 0.1, 0.05]) @ arm.pose(q)

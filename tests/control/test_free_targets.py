@@ -55,7 +55,7 @@ def targets_near(robot, q, rng, far=0.25):
 
 @pytest.mark.parametrize("m", [6, 7])
 @pytest.mark.parametrize("seed", range(3))
-def test_what_is_asked_is_reached_by_random_arms(m, seed):
+def test_random_arms_reach_a_partial_target(m, seed):
     rng = np.random.default_rng((m, seed))
     robot, q = random_chain(rng, m), rng.uniform(-1.0, 1.0, m)
     for target in targets_near(robot, q, rng):
@@ -67,7 +67,7 @@ def test_what_is_asked_is_reached_by_random_arms(m, seed):
 
 @pytest.mark.parametrize("name", ARMS)
 @pytest.mark.parametrize("seed", range(3))
-def test_what_is_asked_is_reached_by_named_arms(name, seed):
+def test_named_arms_reach_a_partial_target(name, seed):
     rng, robot = np.random.default_rng(seed), iq.load_robot(name)
     for target in targets_near(robot, ready(name), rng):
         q_end, solution, _ = reach(robot, ready(name), target, posture=False)
@@ -76,7 +76,7 @@ def test_what_is_asked_is_reached_by_named_arms(name, seed):
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda", "xarm7"])
-def test_what_is_free_is_not_turned_for_nothing(name):
+def test_partial_targets_need_no_more_joint_motion_than_whole_poses(name):
     robot, q, rng = iq.load_robot(name), ready(name), np.random.default_rng(5)
     for _ in range(4):
         twist = np.concatenate((rng.uniform(-1.0, 1.0, 3), rng.uniform(-0.1, 0.1, 3)))
@@ -87,7 +87,7 @@ def test_what_is_free_is_not_turned_for_nothing(name):
             assert travel <= 1.02 * whole
 
 
-def test_a_spin_that_does_not_matter_is_left_alone():
+def test_the_rotation_about_a_target_axis_is_free():
     robot, q = iq.load_robot("ur5"), ready("ur5")
     spun = robot.pose(q) @ iq.transform(translation=[0.05, 0.03, 0.02]) @ iq.exp([0, 0, 2.5, 0, 0, 0])
     q_end, _, _ = reach(robot, q, iq.Target(spun[:3, 3], spun[:3, 2]))
@@ -105,7 +105,7 @@ def test_a_point_is_a_target_of_the_tools_origin():
         np.testing.assert_array_equal(found.velocity, wanted.velocity)
 
 
-def test_what_is_free_of_a_feedforward_does_not_matter():
+def test_the_unconstrained_part_of_a_feedforward_is_ignored():
     robot, q = iq.load_robot("ur5"), ready("ur5")
     place, axis = robot.pose(q)[:3, 3], robot.pose(q)[:3, 2]
     first = np.array([0.1, -0.2, 0.3, 0.02, 0.01, 0.03])
@@ -118,7 +118,7 @@ def test_what_is_free_of_a_feedforward_does_not_matter():
     np.testing.assert_allclose(v, wanted, atol=2e-3 * np.linalg.norm(wanted))  # the law remembers that it was at rest
 
 
-def test_the_residual_has_what_is_asked_for_alone():
+def test_the_residual_has_the_constrained_part_alone():
     robot, q = iq.load_robot("ur5").with_limits(velocity_limit=0.1), ready("ur5")
     pose = robot.pose(q) @ iq.exp([0.4, 0.3, -0.5, 0.2, 0.1, -0.1])
     point, axis = np.array([0.1, 0.0, 0.05]), np.array([0.6, 0.0, 0.8])
@@ -137,7 +137,7 @@ def test_the_residual_has_what_is_asked_for_alone():
         np.testing.assert_allclose(omega, left - n * (n @ left) if "axis" in given else 0.0, atol=1e-9)
 
 
-def test_the_posture_uses_what_is_free():
+def test_the_posture_acts_on_unconstrained_directions():
     robot, q = iq.load_robot("ur5"), ready("ur5")
     posture = q + np.array([0.0, 0.0, 0.0, 0.5, 0.3, -0.8])
     ahead = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.4])  # the point goes on and on
@@ -294,7 +294,7 @@ def test_an_exact_position_agrees_with_a_point(name):
     np.testing.assert_allclose(exact.velocity, plain.velocity, atol=5e-3 * np.abs(plain.velocity).max())
 
 
-def test_exact_demands_beside_what_is_free():
+def test_exact_demands_with_a_partial_target():
     robot, q = iq.load_robot("panda"), ready("panda")
     pose = robot.pose(q + 0.2)
     exact = [iq.control.ExactPoint(), iq.control.ExactAxis(Z), iq.control.ExactJoints([[1.0, 0, 0, 0, 0, 0, 0]])]
@@ -370,7 +370,7 @@ def test_clearance_and_tool_speed_hold_on_the_way_to_a_point():
         ({"axis": Z, "tool_axis": [0.0, 0.0, 0.0]}, "tool_axis"),
     ],
 )
-def test_what_is_no_target_is_refused_by_name(arguments, name):
+def test_bad_arguments_of_a_target_are_refused_by_name(arguments, name):
     with pytest.raises(iq.BadInput) as refused:
         iq.Target(**arguments)
     assert refused.value.argument == name
@@ -379,7 +379,7 @@ def test_what_is_no_target_is_refused_by_name(arguments, name):
 @pytest.mark.parametrize(
     "target", [[np.nan, 0.0, 0.0], np.array([0.0, np.inf, 0.0]), [1.0, 2.0], np.zeros(7), [100.0, 0.0, 0.0], "point"]
 )
-def test_what_a_step_takes_for_no_target_is_refused_by_name(target):
+def test_bad_targets_of_a_step_are_refused(target):
     robot, q = iq.load_robot("ur5"), ready("ur5")
     loop = iq.Controller(robot, dt=DT)
     before = loop.state
@@ -407,7 +407,7 @@ def test_a_target_is_a_value():
 
 
 @pytest.mark.parametrize("option", [{"exact": "twist"}, {"form": 0.3}])
-def test_what_needs_the_whole_twist_takes_no_target_with_something_free(option):
+def test_demands_on_the_whole_twist_refuse_partial_targets(option):
     loop = iq.Controller(iq.load_robot("ur5"), dt=DT, **option)
     with pytest.raises(iq.BadInput, match="These need the whole twist"):
         loop.step(ready("ur5"), [0.3, 0.2, 0.4])

@@ -102,7 +102,7 @@ KINDS = {
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_every_kind_holds_by_the_one_door_and_is_met(robot, name):
+def test_every_kind_of_limit_binds_and_holds(robot, name):
     limit, _, used, move = KINDS[name]
     run = driven(robot, iq.transform(translation=move) @ robot.pose(PANDA), 400, gain=20.0, limits=[limit])
     ticks = zip(run.q[:-1], run.x - run.changes, run.x, strict=True)
@@ -145,14 +145,14 @@ def test_a_joint_is_locked_by_a_speed_of_zero(robot, goal):
         {"rows": lambda _: ROWS, "limits": [lambda _: None, MORE]},
     ],
 )
-def test_rows_are_the_same_by_either_door(robot, options):
+def test_rows_are_the_same_by_either_argument(robot, options):
     found, wanted = answer(robot, **options), answer(robot, rows=together)
     assert np.abs(ROWS.C @ wanted.velocity).max() == pytest.approx(0.01)
     np.testing.assert_allclose(found.velocity, wanted.velocity, atol=1e-9)
     np.testing.assert_allclose(found.row_multipliers, wanted.row_multipliers, rtol=1e-6, atol=1e-9)
 
 
-def test_a_limit_of_ones_own_is_told_of_the_loop_and_of_every_tick(robot, goal):
+def test_a_limit_of_the_users_gets_the_loop_and_every_tick(robot, goal):
     cable = Cable()
     limits = [cable, JointLimits(velocity_limit=1.0, margin=0.1), AccelerationLimit(7.0)]
     loop = iq.Controller(robot, dt=DT, delay=0.004, limits=limits)
@@ -187,7 +187,7 @@ class Elbow(Limit):
         return LimitRows(np.eye(7)[3:4], [-0.02], [0.02]) if abs(velocity[3]) > 0.02 + 1e-9 else None
 
 
-def test_a_limit_of_ones_own_may_look_at_where_a_tick_ends(robot, goal):
+def test_a_limit_of_the_users_checks_the_end_of_a_tick(robot, goal):
     elbow, other = Elbow(), Elbow()
     assert abs(answer(robot, limits=[ROWS]).velocity[3]) > 0.05
     solution = answer(robot, limits=[elbow])
@@ -217,13 +217,13 @@ class Payload(Limit):
         return loop._replace(acceleration=0.5 * loop.acceleration, velocity_limit=fastest)
 
 
-def test_a_limit_of_ones_own_may_narrow_what_never_gives_way(robot, goal):
+def test_a_limit_of_the_users_tightens_joint_limits(robot, goal):
     run = driven(robot, goal, 100, limits=[AccelerationLimit(8.0), Payload()])
     assert np.abs(run.changes).max() == pytest.approx(4.0 * DT)
     assert np.abs(run.x[:, 6]).max() == pytest.approx(0.01)
 
 
-def test_a_tool_speed_by_this_door(robot):
+def test_a_tool_speed_among_limits(robot):
     wanted = answer(robot, tool_speed=0.1)
     for limits in ([ToolSpeed(0.1)], [ToolSpeed(0.1), ToolSpeed(0.2)], [ToolSpeed(0.3), ToolSpeed(0.1, np.zeros(3))]):
         assert answer(robot, limits=limits) == wanted
@@ -248,7 +248,7 @@ def test_a_tool_speed_by_this_door(robot):
         ([JointLimits(margin=0.1), JointLimits(PANDA - 0.1, PANDA + 0.1)], "limits: found a margin of 0.1"),
     ],
 )
-def test_what_is_no_limit_is_refused(robot, limits, said):
+def test_bad_limits_are_refused(robot, limits, said):
     with pytest.raises(iq.BadInput, match=said):
         iq.Controller(robot, dt=DT, limits=limits)
     with pytest.raises(iq.BadInput, match=said):
@@ -268,7 +268,7 @@ def test_what_is_no_limit_is_refused(robot, limits, said):
         (lambda: PinkLimit(3.0), "limit: found 3.0"),
     ],
 )
-def test_limits_that_are_none_are_refused_when_they_are_made(make, said):
+def test_bad_arguments_of_limits_are_refused(make, said):
     with pytest.raises(iq.BadInput, match=said):
         make()
 
@@ -422,7 +422,7 @@ def test_a_barrier_that_reads_collisions_is_given_them_or_refused_when_the_contr
     assert 0.018 < near["kept"] < 0.025
 
 
-def test_what_fails_on_the_arm_is_named_when_the_controller_is_made(robot):
+def test_a_limit_that_fails_on_the_arm_is_refused_by_name(robot):
     class Broken:
         def compute_qp_inequalities(self, configuration, dt):
             raise KeyError("left_hand")

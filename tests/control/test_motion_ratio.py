@@ -87,7 +87,7 @@ def test_the_dt_of_the_readme_in_a_loop_of_30_hz_is_measured(name, size):
 
 @pytest.mark.parametrize("name", ARMS)
 @pytest.mark.parametrize("loop", [{"size": 0.05}, {"size": 0.4}, {"size": 0.0}, {"acceleration_limit": 10.0}], ids=str)
-def test_joint_states_of_30_hz_in_a_loop_of_1_khz_are_told_while_they_make_it_swing(name, loop):
+def test_joint_states_of_30_hz_in_a_loop_of_1_khz_are_reported_while_the_arm_oscillates(name, loop):
     found = drives(name, 0.001, states=1.0 / 30.0, ticks=1000, **loop)
     for k in range(101, 1000):
         jumps = [np.linalg.norm(found[k - i][1] - found[k - i - 34][1]) for i in (0, 34)]
@@ -98,7 +98,7 @@ def test_joint_states_of_30_hz_in_a_loop_of_1_khz_are_told_while_they_make_it_sw
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_a_loop_that_becomes_slow_is_told_within_two_of_its_ticks(name):
+def test_a_loop_that_becomes_slow_is_reported_within_two_ticks(name):
     robot, q = ROBOTS[name], np.array(READY[name])
     controller = iq.Controller(robot, dt=0.001)
     said = []
@@ -149,7 +149,7 @@ def test_joint_states_a_quarter_of_a_second_apart_are_never_ok_while_the_arm_swi
 
 @pytest.mark.parametrize("name", [*ARMS, "gen3", "iiwa14"])
 @pytest.mark.parametrize("dt", [0.005, 0.02])
-def test_an_arm_that_stands_with_an_encoder_of_12_bits_is_not_blamed(name, dt):
+def test_an_arm_at_rest_with_an_encoder_of_12_bits_reports_nothing(name, dt):
     robot = iq.load_robot(name)
     q = home = np.array(READY.get(name, (0.3, 0.3, 0.1, -1.6, 0.2, -1.0, 0.5)))[: len(robot.names)]
     follower = iq.Follower(iq.Controller(robot, dt=dt, acceleration_limit=8.0))
@@ -163,7 +163,7 @@ def test_an_arm_that_stands_with_an_encoder_of_12_bits_is_not_blamed(name, dt):
 @pytest.mark.parametrize("name", ARMS)
 @pytest.mark.parametrize("factor", [0.2, 0.45])
 @pytest.mark.parametrize("size", [0.4, 0.0])
-def test_a_loop_that_is_faster_than_dt_says(name, factor, size):
+def test_a_loop_faster_than_dt_is_reported(name, factor, size):
     """Or a driver that scales velocities down."""
     found = drives(name, 0.005, period=factor * 0.005, ticks=200, size=size, gain=10.0)
     for now, _, solution in found:
@@ -230,7 +230,7 @@ HEALTHY = {
 
 @pytest.mark.parametrize("dt", [0.002, 0.01, 0.033])
 @pytest.mark.parametrize("case", HEALTHY.values(), ids=HEALTHY)
-def test_a_loop_that_does_what_it_is_told_is_not_blamed(case, dt):
+def test_a_healthy_loop_reports_nothing(case, dt):
     scaled = {key: dt * value if key in ("states", "period") else value for key, value in case.items()}
     for name in ("ur5", "so101"):
         found = drives(name, dt, ticks=max(80, round(3.0 / dt)), back="lag" in case, **scaled)
@@ -241,7 +241,7 @@ def test_a_loop_that_does_what_it_is_told_is_not_blamed(case, dt):
 @pytest.mark.parametrize(
     ("period", "states", "text"), [(1.0 / 30.0, 0.0, "33.3 times"), (0.001, 1.0 / 30.0, "once in 3")]
 )
-def test_a_follower_says_it_too(name, period, states, text):
+def test_a_follower_reports_it_too(name, period, states, text):
     robot, start = ROBOTS[name], np.array(READY[name])
     follower = iq.Follower(iq.Controller(robot, dt=0.001, acceleration_limit=8.0), jerk=500.0)
     q, read, due, said = start, start, 0.0, []

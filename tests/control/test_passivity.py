@@ -60,7 +60,7 @@ def pushed(robot_end, device_end, seconds=6.0, *, wall=WALL, gap=0.01, spring=60
     return np.array(forces), np.array(balances), said
 
 
-def test_a_late_operator_pushes_no_harder_and_harder():
+def test_forces_of_an_operator_with_delay_do_not_grow():
     alone, balance, _ = pushed(Everything("twist"), Everything("wrench"))
     assert alone.max() > 4.0 * STEADY  # hand and tool push each other higher
     assert balance.min() < -1.0
@@ -87,7 +87,7 @@ def test_an_end_is_the_same_in_every_frame():
     assert here.went_out == pytest.approx(there.went_out, abs=1e-10)
 
 
-def test_free_motion_and_what_comes_in_cost_nothing():
+def test_free_motion_and_entering_energy_are_passed_on():
     end = iq.control.LinkEnd(dt=DT, passes="twist", store=0.0)
     assert end.step(UP, np.zeros(6), 0.0).status == "ok"
     end.step(UP, -UP, 0.0)  # pushed along by the world
@@ -97,7 +97,7 @@ def test_free_motion_and_what_comes_in_cost_nothing():
     assert end.step(UP, UP, 1.0).share == 1.0  # the operator has worked for it
 
 
-def test_a_packet_too_old_or_from_the_future_is_not_believed():
+def test_packets_too_old_or_from_the_future_are_not_used():
     end = iq.control.LinkEnd(dt=DT, passes="twist", store=0.0, timeout=0.5)
     assert end.step(UP, np.zeros(6), 0.0, age=0.5).status == "ok"
     for age, why in ((0.51, "0.51 s old"), (np.inf, "inf s old"), (-0.1, "0.1 s ahead of this clock")):
@@ -147,7 +147,7 @@ def link(push, wall, arm, told=None):
 @pytest.mark.parametrize(
     ("wall", "arm", "late"), [(1e3, 25, 25), (1e4, 3, 0), (1e4, 12, 25), (1e5, 3, 25), (1e5, 25, 0)]
 )
-def test_a_robot_that_is_late_presses_with_little_more_than_the_hand(wall, arm, late):
+def test_a_robot_with_delay_presses_with_little_more_than_the_hand(wall, arm, late):
     robot, device, store = link(10.0, wall, arm)
     way = {"wall": wall, "gap": 5.0 / wall, "spring": 250.0, "arm": arm, "late": late}
     forces, balance, said = pushed(robot, device, 1.5, measured=True, **way)  # the hand pushes with 250 N/m * 40 mm
@@ -156,7 +156,7 @@ def test_a_robot_that_is_late_presses_with_little_more_than_the_hand(wall, arm, 
     assert {status for status, _ in said} == {"ok", "scaled"}
 
 
-def test_a_robot_later_than_told_is_seen_before_it_touches():
+def test_a_delay_beyond_the_declared_one_is_detected_before_contact():
     robot, device, _ = link(10.0, 1e4, arm=12, told=0)
     way = {"wall": 1e4, "gap": 0.015, "spring": 250.0, "arm": 12}
     forces, _, said = pushed(robot, device, 1.5, measured=True, **way)
@@ -169,7 +169,7 @@ def test_a_robot_later_than_told_is_seen_before_it_touches():
     assert pushed(*plain, 1.5, **way)[0].max() > 50.0  # where what is passed on counts as done
 
 
-def test_a_wall_harder_than_told_is_told():
+def test_a_wall_stiffer_than_declared_is_reported():
     robot, device, store = link(10.0, 1e3, arm=12)
     forces, _, said = pushed(robot, device, 1.5, wall=1e4, gap=0.01, spring=250.0, arm=12, measured=True)
     first = next(k for k, (status, _) in enumerate(said) if status == "degraded")
@@ -179,7 +179,7 @@ def test_a_wall_harder_than_told_is_told():
     assert np.flatnonzero(0.5 * forces**2 / 1e4 > 1.5 * store)[0] in (first, first - 1, first + 1)
 
 
-def test_a_late_robot_is_no_faster_than_may_strike_and_does_not_stop_and_go():
+def test_a_robot_with_delay_is_limited_to_the_impact_energy_at_constant_speed():
     robot, _, store = link(10.0, 1e4, arm=12)
     ticks = [robot.step(0.1 * UP, np.zeros(6), 0.0) for _ in range(100)]
     assert "would exceed the impact energy of a contact ahead" in ticks[-1].reason
@@ -200,7 +200,7 @@ def test_a_soft_hand_that_moves_far_does_not_pay_for_a_hard_press(press, share):
     assert (robot.went_out < 1.5 * store) == (share == 0.0)
 
 
-def test_the_books_hold_what_was_measured_and_no_more_is_kept_than_the_store():
+def test_the_energy_balance_uses_measured_motion_and_keeps_at_most_the_store():
     robot, _, store = link(10.0, 1e4, arm=0)
     for depth in 1e-4 * np.arange(1, 6):  # 0.1 mm a tick, measured, into a spring
         robot.step(0.01 * UP, 1e4 * depth * UP, 0.0, done=1e-4 / DT * UP)
@@ -208,7 +208,7 @@ def test_the_books_hold_what_was_measured_and_no_more_is_kept_than_the_store():
     assert robot.step(UP, np.zeros(6), 1.0, done=np.zeros(6)).left == store
 
 
-def test_what_friction_took_comes_back_with_time_and_what_a_spring_took_at_once():
+def test_the_store_refills_slowly_after_friction_and_at_once_from_a_spring():
     robot, _, store = link(10.0, 1e4, arm=0)
     while robot.step(0.1 * UP, 8.0 * UP, 0.0).left > 1e-2 * store:
         pass
@@ -234,6 +234,6 @@ def test_what_friction_took_comes_back_with_time_and_what_a_spring_took_at_once(
         (lambda: iq.control.LinkEnd(dt=DT, passes="twist").step(UP, UP, 0.0, done=UP * np.nan), "done"),
     ],
 )
-def test_what_a_late_robot_cannot_be_told(make, named):
+def test_bad_arguments_of_a_link_end_are_refused(make, named):
     with pytest.raises(iq.BadInput, match=named):
         make()

@@ -95,7 +95,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("wrong", WRONG.values(), ids=WRONG)
-def test_what_is_no_vector_is_refused_as_before(wrong):
+def test_bad_vectors_are_refused_by_name(wrong):
     robot, q = iq.load_robot("ur5"), np.array(READY["ur5"])
     loop = iq.Controller(robot, dt=0.01, acceleration_limit=8.0)
     before = loop.state

@@ -95,6 +95,6 @@ def test_it_drives_an_arm_inside_its_limits():
         (lambda: iq.Controller(iq.load_robot("panda"), dt=0.01).follow(READY, [np.nan] * 6), iq.BadInput, "twist"),
     ],
 )
-def test_what_cannot_be_shared(make, error, said):
+def test_bad_arguments_of_shared_control_are_refused(make, error, said):
     with pytest.raises(error, match=said):
         make()

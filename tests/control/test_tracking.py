@@ -11,7 +11,7 @@ ARM = iq.robots.Chain(iq.revolute([0, 0, 1], [0, 0, 0])[:, None], iq.transform(t
 
 
 @pytest.mark.parametrize(("gain", "dt"), [(0.5, 0.002), (1.0, 0.02), (0.1, 0.01)])
-def test_a_gain_that_may_be_a_share_of_the_error_is_questioned_once(gain, dt):
+def test_a_gain_that_may_be_a_share_of_the_error_warns_once(gain, dt):
     with pytest.warns(UserWarning, match=f"gain={gain:g} is {gain:g} 1/s here") as told:
         loop = iq.Controller(ARM, dt=dt, gain=gain)
     assert len(told) == 1
@@ -26,7 +26,7 @@ def test_a_gain_that_may_be_a_share_of_the_error_is_questioned_once(gain, dt):
 
 
 @pytest.mark.parametrize(("gain", "dt"), [(1.01, 0.002), (1.0, 0.021), (0.5, 0.1), (None, 0.002), (None, 0.2)])
-def test_no_other_gain_is_questioned(gain, dt):
+def test_no_other_gain_warns(gain, dt):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         iq.Controller(ARM, dt=dt, gain=gain)
@@ -34,7 +34,7 @@ def test_no_other_gain_is_questioned(gain, dt):
 
 @pytest.mark.parametrize(("times", "said"), [({"dt": 2.0}, "2 ms are dt=0.002, a rate of 2 Hz is dt=0.5"),
                                               ({"dt": 0.002, "delay": 8.0}, "8 ms are delay=0.008")])  # fmt: skip
-def test_milliseconds_and_rates_for_seconds_are_questioned(times, said):
+def test_milliseconds_and_rates_instead_of_seconds_warn(times, said):
     with pytest.warns(UserWarning, match=said) as told:
         iq.Controller(ARM, **times)
     assert len(told) == 1

@@ -74,7 +74,7 @@ def test_a_controller_crosses_a_process_pool(panda):
     np.testing.assert_allclose(there, steps(loop, q, target, 3), rtol=1e-12, atol=1e-12)
 
 
-def test_what_a_tick_returned_may_be_written_to(panda):
+def test_a_returned_velocity_may_be_changed(panda):
     """The controller keeps its own copy of what it commanded, for the acceleration limits of the next tick."""
     (one, q), (other, _) = used(panda, "braking"), used(panda, "braking")
     target = FAR @ panda.pose(START)
