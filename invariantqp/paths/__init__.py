@@ -5,6 +5,6 @@ from typing import TYPE_CHECKING
 from invariantqp.lazy import loaded_on_use
 
 if TYPE_CHECKING or not loaded_on_use(__name__):
-    from invariantqp.paths.driver import Follower as Follower
-    from invariantqp.paths.driver import PathFollower as PathFollower
+    from invariantqp.paths.follower import Follower as Follower
+    from invariantqp.paths.path_follower import PathFollower as PathFollower
     from invariantqp.paths.solution import FollowerSolution as FollowerSolution

@@ -20,27 +20,27 @@ from invariantqp.force.control import HybridController, HybridSolution
 from invariantqp.force.sensor import Wrench
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
-from invariantqp.paths.ahead import SHORTEST
-from invariantqp.paths.curve import SLOW
-from invariantqp.paths.fit import REACHED
-from invariantqp.paths.reference import DISPLACED, JOINT_GAIN, STRAYED
-from invariantqp.paths.shape import (
-    ASTRAY,
+from invariantqp.paths.curve import SLOW_SHARE
+from invariantqp.paths.joint_path import MIN_STEP
+from invariantqp.paths.path_drive import (
+    BLOCKED_TOLERANCE,
+    OFF_PATH,
     ON_THE_WAY,
     ON_THE_WAY_BACK,
-    PATIENCE,
     PAUSE,
-    PUSHED,
-    STOPPED,
-    Shape,
+    PUSHED_TOOL,
+    STUCK_TIME,
+    PathDrive,
 )
+from invariantqp.paths.reference import JOINT_GAIN, JOINT_TOLERANCE, PUSHED_JOINT
 from invariantqp.paths.solution import FollowerSolution
 from invariantqp.paths.task_error import TaskError, task_error
+from invariantqp.paths.waypoints import POSE_TOLERANCE
 from invariantqp.robots.kinematics import joint_displacement
 from invariantqp.velocity.solution import Status
 
 # The tool touches from this share of the wanted press on.
-TOUCH = 0.5
+TOUCH_SHARE = 0.5
 # Statuses of a hybrid tick that is not in contact.
 NO_CONTACT = (Status.LOST, Status.OVERLOAD, Status.FAULT)
 NO_TOUCH = "no contact"
@@ -49,8 +49,8 @@ TROUBLE = (*NO_CONTACT, Status.HELD, Status.DEGRADED)
 OFF = "the tool is not where it was sent along the contact"
 # A tool this far off, relative to the measure, is late along a stream; along a path it slows down, and one that counts
 # as pushed waits. Joints that are off the plan by motion that leaves the tool where it is slow it down from half of
-# STRAYED on.
-AWAY = 5e-3
+# JOINT_TOLERANCE on.
+LATE_TOOL = 5e-3
 
 
 def _along_contact(
@@ -61,19 +61,17 @@ def _along_contact(
     return task_error(loop, q, loop.robot.target(pose)), contact.adjoint.dot(P).dot(contact.coadjoint.T)
 
 
-class Beside(NamedTuple):
+class ToolOnPath(NamedTuple):
     """The tool and its path at the beginning of a tick."""
 
     place: float  # nearest the tool along S
     off: float  # how far it is from there, along S
     away: float  # how far from where it was expected
-    strayed: (
-        float  # how far a joint is off the plan by motion that moves no tool, 0 below half of STRAYED [rad, length]
-    )
+    strayed: float  # how far a joint is off the plan by null-space motion, 0 below half of JOINT_TOLERANCE
     astray: Array  # (m,) the way back of the joints to the plan
 
 
-class Pressed:
+class PathInContact:
     """The drive of a hybrid controller along a path."""
 
     def __init__(self, hybrid: HybridController, controller: Controller) -> None:
@@ -86,7 +84,7 @@ class Pressed:
 
     def step(
         self,
-        shape: Shape,
+        shape: PathDrive,
         q: Array,
         before: Array,
         time: float,
@@ -105,28 +103,28 @@ class Pressed:
         if shape.motion is None and shape.plan is not None:
             shape.begin(time)
         beside = self._beside(shape, q, here)
-        far = PUSHED if not self._pushed else REACHED
-        self._pushed = beside.away > far * loop.measure.length or beside.strayed > DISPLACED
+        far = PUSHED_TOOL if not self._pushed else POSE_TOLERANCE
+        self._pushed = beside.away > far * loop.measure.length or beside.strayed > PUSHED_JOINT
         if shape.motion is None or self._pushed:
             posture = None if shape.motion is None else JOINT_GAIN * beside.astray
             answer = hybrid.step(q, curve.pose(self._place), wrench, None, here, before, wanted, posture)
             self._touching = self._touches(answer)
             if shape.motion is not None:
                 shape.still(time)
-                return self._told(answer, shape, Status.WAITING, ON_THE_WAY_BACK, beside.off, ASTRAY)
-            shape.look_on(q)
+                return self._told(answer, shape, Status.WAITING, ON_THE_WAY_BACK, beside.off, OFF_PATH)
+            shape.extend_search(q)
             return self._told(answer, shape, Status.WAITING, ON_THE_WAY, beside.off, ON_THE_WAY)
         return self._along(shape, q, before, time, override, (wrench, here, wanted), beside, paused=paused)
 
     def _along(
         self,
-        shape: Shape,
+        shape: PathDrive,
         q: Array,
         before: Array,
         time: float,
         override: float,
         given: tuple[Any, Contact, ArrayLike | Wrench | None],
-        beside: Beside,
+        beside: ToolOnPath,
         *,
         paused: bool,
     ) -> FollowerSolution:
@@ -135,9 +133,9 @@ class Pressed:
         dt, (wrench, here, wanted) = loop.dt, given
         why = NO_TOUCH if not self._touching else PAUSE if paused else ""
         # Before what blocks the path, at the edge of its reach, a pressed tool never has the plan's joints: they rest.
-        there = bool(plan.blocked) and not shape.back and plan.end - beside.place <= STOPPED * curve.end
-        away = min(max((PUSHED - beside.off / loop.measure.length) / (PUSHED - AWAY), 0.0), 1.0)
-        near = min(away, 1.0 / max(beside.strayed / (0.5 * STRAYED), 1.0))
+        there = bool(plan.blocked) and not shape.back and plan.end - beside.place <= BLOCKED_TOLERANCE * curve.end
+        away = min(max((PUSHED_TOOL - beside.off / loop.measure.length) / (PUSHED_TOOL - LATE_TOOL), 0.0), 1.0)
+        near = min(away, 1.0 / max(beside.strayed / (0.5 * JOINT_TOLERANCE), 1.0))
         share = 0.0 if why or there else near * override * (sqrt(hybrid.room) if override <= 1.0 else 1.0)
         rate_before = shape.rate(time)
         if rate_before != 0.0 or not why:
@@ -155,26 +153,26 @@ class Pressed:
         after = motion.source.at(np.array((motion.place(time + dt),)))
         self._place = float(after[0, 0, -1]) if rate_before != 0.0 or not why else place
         stalls = self._stalls(place, rate, curve.end, waits=bool(why) or share == 0.0)
-        astray = ASTRAY if near < 1.0 and not there else ""
-        told = shape.told(q, answer.velocity, time + dt, override, why=why or astray, pressed=beside.off)
-        told.hybrid = answer
+        astray = OFF_PATH if near < 1.0 and not there else ""
+        solution = shape.solution(q, answer.velocity, time + dt, override, why=why or astray, pressed=beside.off)
+        solution.hybrid = answer
         if why == NO_TOUCH:
-            told.status, told.reason, told.ruling = Status.WAITING, answer.reason or NO_TOUCH, NO_TOUCH
-        elif stalls and told.status not in (Status.DONE, Status.BLOCKED):
+            solution.status, solution.reason, solution.ruling = Status.WAITING, answer.reason or NO_TOUCH, NO_TOUCH
+        elif stalls and solution.status not in (Status.DONE, Status.BLOCKED):
             at = f"the tool comes no farther than {shape.given.place(place):.4g}"
             reason = "; ".join(filter(None, (at, plan.blocked, answer.reason)))
-            told.status, told.reason = Status.BLOCKED, reason
-        elif not told.reason and told.status != Status.DONE:
-            told.reason = answer.reason
-        return told
+            solution.status, solution.reason = Status.BLOCKED, reason
+        elif not solution.reason and solution.status != Status.DONE:
+            solution.reason = answer.reason
+        return solution
 
     def _told(
-        self, answer: HybridSolution, shape: Shape, status: Status, reason: str, off: float, ruling: str
+        self, answer: HybridSolution, shape: PathDrive, status: Status, reason: str, off: float, ruling: str
     ) -> FollowerSolution:
         where = shape.given.place(self._place), 0.0, 0.0
         return FollowerSolution(answer.velocity, status, reason, where, lambda: off, ruling, answer)
 
-    def _beside(self, shape: Shape, q: Array, contact: Contact) -> Beside:
+    def _beside(self, shape: PathDrive, q: Array, contact: Contact) -> ToolOnPath:
         """Where the tool of q (m,) is, seen along S."""
         hybrid, loop, curve, plan = self.hybrid, self.controller, shape.given.curve, shape.plan
         way, P = _along_contact(hybrid, loop, q, curve.pose(self._place), contact)
@@ -182,19 +180,19 @@ class Pressed:
         error = R.dot(way.error)
         away = float(np.linalg.norm(error))
         if plan is None or shape.motion is None:
-            return Beside(self._place, away, away, 0.0, np.zeros(len(q)))
+            return ToolOnPath(self._place, away, away, 0.0, np.zeros(len(q)))
         ahead = R.dot(curve.tangent(self._place))
         # Where the path nearly stands still, or is short beside the error, feedback acts along it too.
         squares = float(ahead.dot(ahead)) + shape.given.slow**2 + float(error.dot(error)) / curve.end**2
         place = min(max(self._place - float(ahead.dot(error)) / squares, 0.0), plan.end)
         off = float(np.linalg.norm(error - (self._place - place) * ahead))
         astray = joint_displacement(q, plan.joints(place), loop.turns)
-        if float(astray.dot(astray)) <= 0.25 * STRAYED * STRAYED:  # nor is any part of it more
-            return Beside(place, off, away, 0.0, astray)
+        if float(astray.dot(astray)) <= 0.25 * JOINT_TOLERANCE * JOINT_TOLERANCE:  # nor is any part of it more
+            return ToolOnPath(place, off, away, 0.0, astray)
         _, sigma, Vt = np.linalg.svd(way.root.dot(way.sighting.J), full_matrices=False)
-        moving = Vt[sigma > SLOW * sigma[0]]  # those that move the tool
+        moving = Vt[sigma > SLOW_SHARE * sigma[0]]  # those that move the tool
         free = astray - moving.T.dot(moving.dot(astray))
-        return Beside(place, off, away, float(np.abs(free).max()), astray)
+        return ToolOnPath(place, off, away, float(np.abs(free).max()), astray)
 
     def _touches(self, answer: HybridSolution) -> bool:
         """Whether the tool is in contact."""
@@ -204,19 +202,19 @@ class Pressed:
             return True
         n = answer.contact.kind.presses
         wanted = np.linalg.lstsq(answer.contact.constraints, answer.wanted, rcond=None)[0]
-        return bool((answer.intensities[:n] >= TOUCH * wanted[:n]).all())
+        return bool((answer.intensities[:n] >= TOUCH_SHARE * wanted[:n]).all())
 
     def _stalls(self, place: float, rate: float, end: float, *, waits: bool) -> bool:
         """Whether the tool comes no farther: pressed, it may not have what is planned."""
-        dt, near, stood = self.controller.dt, STOPPED * end, self._stood
+        dt, near, stood = self.controller.dt, BLOCKED_TOLERANCE * end, self._stood
         if waits or stood is None or abs(place - stood[0]) > near:
             self._stood = None if waits else (place, 0.0, 0.0)
             return False
         self._stood = stood = stood[0], stood[1] + dt, stood[2] + dt * abs(rate)
-        return stood[1] > PATIENCE and (abs(rate) * dt <= SHORTEST * end or stood[2] > 2.0 * near)
+        return stood[1] > STUCK_TIME and (abs(rate) * dt <= MIN_STEP * end or stood[2] > 2.0 * near)
 
 
-class Tracking(NamedTuple):
+class TrackingState(NamedTuple):
     """The pressed arm beside the reference, when a tick begins."""
 
     measured: Array  # (m,) joint positions, of continuous joints by whole turns near where they were sent
@@ -227,7 +225,7 @@ class Tracking(NamedTuple):
     projector: Array  # (6, 6) of twists on S, base frame
 
 
-class PressedStream:
+class StreamInContact:
     """The drive of a hybrid controller by a stream: a reference arm moves, and the tool follows its tool along S.
 
     Attributes:
@@ -242,7 +240,7 @@ class PressedStream:
         self.hybrid = hybrid
         self.controller = Controller(hybrid.robot, **hybrid.loop.options | {"delay": 0.0})
         self.command: Array = np.zeros(len(hybrid.robot.names))
-        self.tracking: Tracking
+        self.tracking: TrackingState
         self._sent: tuple[Array, ...] = ()  # (m,) of the reference, oldest first: commands of that tick show now
         self._contact: Contact | None = None  # of the last tick, with the normal found
 
@@ -277,7 +275,7 @@ class PressedStream:
         self.tracking, self.command, self._contact = tracking, answer.velocity, answer.contact
         return answer
 
-    def _track(self, q: Array, before: Array, contact: Contact | None) -> Tracking:
+    def _track(self, q: Array, before: Array, contact: Contact | None) -> TrackingState:
         """Where the arm is at q (m,), with the velocity (m,) before the tick."""
         hybrid, loop, tool = self.hybrid, self.controller, self.hybrid.robot.pose(q)
         here = contact_now(hybrid.task, tool, contact) if self._contact is None else self._contact
@@ -285,11 +283,11 @@ class PressedStream:
         astray = joint_displacement(q, sent, loop.turns)
         way, projector = _along_contact(hybrid, loop, q, hybrid.robot.pose(sent), here)
         off = float(np.linalg.norm(way.rows.dot(projector).dot(way.error)))
-        pushed = off > PUSHED * loop.measure.length
+        pushed = off > PUSHED_TOOL * loop.measure.length
         stopped = (np.abs(before - self.command) > loop.dt * np.asarray(loop.acceleration_limit)).any()
         if pushed or stopped or not self._sent or loop.limits.wrong(q):
-            return Tracking(sent - astray, np.zeros(len(q)), 0.0, True, tool, projector)
-        return Tracking(sent - astray, astray, off, False, tool, projector)
+            return TrackingState(sent - astray, np.zeros(len(q)), 0.0, True, tool, projector)
+        return TrackingState(sent - astray, astray, off, False, tool, projector)
 
     def sent(self, *position: Array) -> None:
         """The reference is at a position (m,) when the next tick begins; without one it begins there."""
@@ -301,13 +299,16 @@ class PressedStream:
         screw = twist if at_base else np.concatenate((twist[:3], velocity_at(twist, -self.tracking.tool[:3, 3])))
         return np.asarray(self.tracking.projector.dot(screw))
 
-    def told(self, told: FollowerSolution, answer: HybridSolution) -> FollowerSolution:
+    def solution(self, solution: FollowerSolution, answer: HybridSolution) -> FollowerSolution:
         """The solution of a tick, from that of the reference and the hybrid controller's answer."""
-        told.velocity, told.hybrid = answer.velocity, answer
+        solution.velocity, solution.hybrid = answer.velocity, answer
         if answer.status in TROUBLE:
-            told.status, told.reason = answer.status, answer.reason
-        elif self.tracking.off > AWAY * self.controller.measure.length and told.status in (Status.MOVING, Status.DONE):
-            told.status, told.reason = Status.LATE, answer.reason or OFF
-        elif not told.reason:
-            told.reason = answer.reason
-        return told
+            solution.status, solution.reason = answer.status, answer.reason
+        elif self.tracking.off > LATE_TOOL * self.controller.measure.length and solution.status in (
+            Status.MOVING,
+            Status.DONE,
+        ):
+            solution.status, solution.reason = Status.LATE, answer.reason or OFF
+        elif not solution.reason:
+            solution.reason = answer.reason
+        return solution

@@ -33,12 +33,12 @@ WayTo = Callable[[Array, Array], Array]
 # A function is followed to this share of the measure's length: a micrometre for an arm that reaches a metre. It is
 # sampled at so many intervals at least, which are halved until that is met, or they are this share of the whole: a
 # corner is then rounded within that share of the path.
-SHAPE, LEAST_INTERVALS = 1e-6, 128
+CURVE_TOLERANCE, MIN_INTERVALS = 1e-6, 128
 # Tangents of a function are differences over this share of its range: as far from rounding as from the truth.
-DIFFERENCE = 1e-4
+DIFFERENCE_SHARE = 1e-4
 # What goes at this share of its usual speed nearly stands still: a path, where rounding decides which place is nearest,
 # joints on the way to one and at its end, a tool moved by joints along a singular direction.
-SLOW = 1e-3
+SLOW_SHARE = 1e-3
 
 
 class Curve(NamedTuple):
@@ -153,7 +153,7 @@ def curve_of(pose: PoseAt, end: float, size: SizeAt, length: float, part: Target
 
     `size` is how large a twist (6,) of a tool at a pose (4, 4) is in the measure, whose L is `length`.
     """
-    step, finest, tolerance, way = DIFFERENCE * end, SHAPE * end, SHAPE * length, way_of(part)
+    step, finest, tolerance, way = DIFFERENCE_SHARE * end, CURVE_TOLERANCE * end, CURVE_TOLERANCE * length, way_of(part)
     knots: dict[float, tuple[Array, Array]] = {}
 
     def knot(t: float) -> tuple[Array, Array]:
@@ -161,7 +161,7 @@ def curve_of(pose: PoseAt, end: float, size: SizeAt, length: float, part: Target
             knots[t] = pose(t), _tangent(pose, t, step, end, way)
         return knots[t]
 
-    open_pieces = [(end * i / LEAST_INTERVALS, end * (i + 1) / LEAST_INTERVALS) for i in range(LEAST_INTERVALS)]
+    open_pieces = [(end * i / MIN_INTERVALS, end * (i + 1) / MIN_INTERVALS) for i in range(MIN_INTERVALS)]
     while open_pieces:
         a, b = open_pieces.pop()
         (A, s), (B, t) = knot(a), knot(b)
@@ -191,7 +191,7 @@ def by_length(curve: Curve, size: SizeAt) -> tuple[Curve, Array]:
     kept = np.append(True, lengths > arrays.ROUNDING * total)
     at = np.append(0.0, np.cumsum(lengths))[kept]
     # Where the old parameter stands still the tangent is the direction in which the tool sets out or arrives.
-    slow = speed <= SHAPE * speed.max()
+    slow = speed <= CURVE_TOLERANCE * speed.max()
     nearest = np.where(np.arange(len(speed)) < len(speed) - 1, 1, -1)
     for i in np.flatnonzero(slow & kept).tolist():
         j = min(max(i + int(nearest[i]), 0), len(speed) - 1)
@@ -212,7 +212,7 @@ def _tangent(pose: PoseAt, t: float, step: float, end: float, way: WayTo) -> Arr
     return tangent
 
 
-class GivenPath(NamedTuple):
+class ParametrisedPath(NamedTuple):
     """A path to drive along."""
 
     curve: Curve  # with the parameter that is driven: the caller's, or the length in the measure
@@ -237,7 +237,7 @@ def _between(knots: list[float], values: list[float], at: float) -> float:
     return (1.0 - share) * values[i] + share * values[i + 1]
 
 
-def given_path(
+def parametrised_path(
     robot: Robot,
     measure: ToolMeasure,
     path: Any,
@@ -246,7 +246,7 @@ def given_path(
     *,
     timed: bool,
     corners: bool = False,
-) -> GivenPath:
+) -> ParametrisedPath:
     """The path of a caller.
 
     Args:
@@ -294,8 +294,8 @@ def given_path(
     if len(along.knots) < 2 or not along.end > arrays.NEGLIGIBLE * measure.length:
         raise BadInput("path", "a path that stands still", "one along which the tool moves")
     if timed:
-        return GivenPath(curve, curve.knots, SLOW * along.end / curve.end)
-    return GivenPath(along, places.tolist(), SLOW)
+        return ParametrisedPath(curve, curve.knots, SLOW_SHARE * along.end / curve.end)
+    return ParametrisedPath(along, places.tolist(), SLOW_SHARE)
 
 
 def _part_of(first: Any, name: str) -> Target | None:

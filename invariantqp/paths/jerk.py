@@ -29,15 +29,15 @@ from scipy.interpolate import BSpline, CubicSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from invariantqp.geometry.arrays import Array
+from invariantqp.paths.joint_limits import JointLimits
 from invariantqp.paths.reference import Motion
-from invariantqp.paths.time_law import JointLimits
 
 # Steps at most. They end where no more than this share of the time can be gained.
-STEPS, GAP = 60, 1e-2
+STEPS, GAP_SHARE = 60, 1e-2
 # What of the time the first step counts as to be gained, and the room beside a limit that it counts on, as a share.
 START = 0.1
 # What keeps the equations of a step apart from singular ones.
-REGULAR = 1e-9
+REGULARISATION = 1e-9
 
 
 def least_time(
@@ -74,7 +74,7 @@ def least_time(
         slow = max(over[0], over[1] ** 0.5, over[2] ** (1.0 / 3.0), 1.0)
         if slow * times[-1] < least:  # all of it so much slower keeps the limits
             kept, least = (slow, times, motion), slow * float(times[-1])
-        if gap < GAP * times[-1] and slow < 1.0 + GAP:
+        if gap < GAP_SHARE * times[-1] and slow < 1.0 + GAP_SHARE:
             break
 
         # At a knot b is so much of the c before and of that after it, and b' / 2 so much of their difference.
@@ -103,7 +103,7 @@ def least_time(
         more, dz = step.to(0.0)[1:]
         then = float(((room + _share(room, more) * more) * (z + _share(z, dz) * dz)).sum())
         d, more, dz = step.to((then / gap) ** 3 * gap / room.size - more * dz)
-        far, near = (1.0 - GAP) * _share(room, more), (1.0 - GAP) * _share(z, dz)
+        far, near = (1.0 - GAP_SHARE) * _share(room, more), (1.0 - GAP_SHARE) * _share(z, dz)
         room, z = room + far * more, z + near * dz
         c = np.where(d > 0.0, 1.0 + far * d, 1.0 / (1.0 - far * np.minimum(d, 0.0)))
         ends = np.concatenate((c[:1], c, c[-1:]))
@@ -148,7 +148,7 @@ class _Step:
         H = (slope * self._weight[:, None]) @ slope.transpose(0, 2, 1)
         H += 0.75 * h[:, None, None] * middle[:, :, None] * middle[:, None]
         bands = np.zeros((3, len(h)))  # upper form
-        bands[2] = (1.0 + REGULAR) * _summed(np.diagonal(H, axis1=1, axis2=2))
+        bands[2] = (1.0 + REGULARISATION) * _summed(np.diagonal(H, axis1=1, axis2=2))
         bands[1, 1:] = H[1:, 0, 1] + H[:-1, 1, 2]
         bands[0, 2:] = H[1:-1, 0, 2]
         self._factor = cholesky_banded(bands), False

@@ -27,11 +27,11 @@ from invariantqp.control.controller import Controller
 from invariantqp.geometry import sizes
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
-from invariantqp.paths.ahead import SHORTEST, Knot
 from invariantqp.paths.curve import Curve
 from invariantqp.paths.jerk import least_time
+from invariantqp.paths.joint_limits import AT_LIMIT, AT_REST, JointLimits
+from invariantqp.paths.joint_path import MIN_STEP, Knot
 from invariantqp.paths.reference import Motion
-from invariantqp.paths.time_law import AT_LIMIT, AT_REST, JointLimits
 from invariantqp.velocity.limits import braking_speed
 
 # Shares of the velocity and acceleration limits that a path is driven at; feedback needs the rest.
@@ -42,7 +42,7 @@ ACCELERATION, ON_TIME = "acceleration", "the rate asked for"
 # which the motion waits while all else is averaged.
 PIECES, REST = 600, 1e-2
 # Of the time in which a place is looked for.
-HALVINGS = 24
+BISECTIONS = 24
 
 
 class PathPlan(NamedTuple):
@@ -80,7 +80,7 @@ class PathPlan(NamedTuple):
         knots, c = self.motion.knots, self.motion.coefficients[:, :, -1]
         i = int(np.clip(np.searchsorted(c[:, 0], place, side="right") - 1, 0, len(c) - 1))
         low, high = float(knots[i]), float(knots[i + 1])
-        for _ in range(HALVINGS):
+        for _ in range(BISECTIONS):
             middle = 0.5 * (low + high)
             u = middle - knots[i]
             here = c[i, 0] + u * (c[i, 1] + u * (c[i, 2] + u * c[i, 3]))
@@ -108,7 +108,7 @@ def plan_of(
         jerk: (m,) of the joints, inf for no limit.
     """
     if len(knots) == 1:  # blocked from the start on
-        knots = [knots[0], knots[0]._replace(at=knots[0].at + SHORTEST * curve.end)]
+        knots = [knots[0], knots[0]._replace(at=knots[0].at + MIN_STEP * curve.end)]
     m = len(controller.robot.names)
     acceleration = (
         np.full(m, inf) if controller.acceleration_limit is None else ACCELERATION_SHARE * controller.acceleration_limit

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from invariantqp.engine import law
 from invariantqp.geometry.arrays import Array
-from invariantqp.paths.time_law import JointLimits
+from invariantqp.paths.joint_limits import JointLimits
 
 if TYPE_CHECKING:
 
@@ -29,17 +29,17 @@ if TYPE_CHECKING:
             knots: (n + 1,) times [s].
             coefficients: (n, powers, m) of the time since each piece began, from the constant on.
             start, end: the first and the last of the knots.
-            eased: until then it is not where it is wanted to be, as joints cannot.
+            late_until: until then it is not where it is wanted to be, as joints cannot.
         """
 
         knots: Array
         coefficients: Array
         start: float
         end: float
-        eased: float
+        late_until: float
 
-        def __init__(self, knots: ArrayLike, coefficients: Array, eased: float = -inf) -> None: ...
-        def at(self, times: ArrayLike, clock: Clock | None = None) -> Array:
+        def __init__(self, knots: ArrayLike, coefficients: Array, late_until: float = -inf) -> None: ...
+        def at(self, times: ArrayLike, clock: TimeScaling | None = None) -> Array:
             """(k, 4, m) position, velocity, acceleration and jerk at times (k,)."""
             ...
 else:
@@ -49,31 +49,33 @@ else:
 JOINT_GAIN = 5.0
 # Joints farther from where they were sent than this [rad, length] have been pushed: the motion goes on from there.
 # Those of a path whose shape is kept are waited for where they are farther than the second, until they are half as far.
-DISPLACED, STRAYED = 0.2, 0.02
+PUSHED_JOINT, JOINT_TOLERANCE = 0.2, 0.02
 # Splices take no fewer ticks than the first, and plans are no less calm: a jerk that lasts less than three is none.
-SHORTEST_STOP = 4.0
+MIN_SPLICE_TICKS = 4.0
 # Points that are planned at once: under a millisecond. A plan's knots are so far apart as a share of how calm it is
 # (its least is 1 % above that of all motions), and at most so many.
-MOST_POINTS, KNOTS, MOST_PIECES = 96, 0.5, 400
+MAX_POINTS, KNOT_SPACING, MAX_PIECES = 96, 0.5, 400
 # After the last point velocity and acceleration fade in this time [s], looked at in so many places as far apart. As the
 # stop in 0.3 s that it is like: with 0.4 and 0.5 s 3 of 20 runs of chunks were off by more than 1.1 of what those are.
-FADE, FADING = 0.075, 8
+FADE_TIME, FADE_POINTS = 0.075, 8
 # A hand is followed this long after its samples come, times one over the cutoff: 67 ms at 3 Hz.
-DELAY = 0.2
+DELAY_CYCLES = 0.2
 # A plan along samples that are all noise is as calm as this share of it: more takes longer than what is ahead. What is
 # noise is seen in third differences so many delays apart: 0.1 s, in which a hand's tremor has come round.
-CALM_OF_DELAY, APART = 0.5, 1.5
+NOISE_SMOOTHING, DIFFERENCE_SPACING = 0.5, 1.5
 # How fast means over samples follow what is measured, a share of the difference for each: of times, of noise. Squares
 # that count as none.
-TRANSPORT_SHARE, NOISE_SHARE, TINY = 0.02, 0.05, 1e-16
+MEAN_SHARE, NOISE_SHARE, TINY = 0.02, 0.05, 1e-16
 
 
-def resting(position: Array, time: float) -> Motion:
+def constant_motion(position: Array, time: float) -> Motion:
     """At a position (m,), always."""
     return Motion((time, time), position[None, None])
 
 
-def planned(state: Array, now: float, stamps: Array, points: Array, limits: JointLimits, calm: float) -> Motion:
+def smoothed_motion(
+    state: Array, now: float, stamps: Array, points: Array, limits: JointLimits, smoothing_time: float
+) -> Motion:
     """The motion from a state (3, m) now that is near points (n, m) at stamps (n,) with little jerk, joint by joint.
 
         argmin sum w_i |r(t_i) - p_i|^2 + calm^6 integral |r'''|^2,     w_i: the time between points
@@ -82,35 +84,38 @@ def planned(state: Array, now: float, stamps: Array, points: Array, limits: Join
     the last point it is wanted that the points go on as they did, fading. What is faster than 1 / (2 pi calm)
     [Hz] is not followed. Where a joint cannot be at the first points in time, inside its limits, they weigh less to it.
     """
-    times, wanted = _going_on(stamps - now, points)
-    n = min(max(int(np.ceil(float(times[-1]) / (KNOTS * calm))), 4), MOST_PIECES)
-    found: Motion = law.planned(limits, state, now, times, wanted, calm, n)
+    times, wanted = _extrapolated(stamps - now, points)
+    n = min(max(int(np.ceil(float(times[-1]) / (KNOT_SPACING * smoothing_time))), 4), MAX_PIECES)
+    found: Motion = law.smoothed_motion(limits, state, now, times, wanted, smoothing_time, n)
     return found
 
 
-def _going_on(times: Array, points: Array) -> tuple[Array, Array]:
+def _extrapolated(times: Array, points: Array) -> tuple[Array, Array]:
     """The points (n, m) that are still to come, times (n,) from now, with what is wanted before and after them.
 
     Before them that is the first; after them, where the parabola along the last of them leads, if velocity and
     acceleration fade.
     """
     last = float(times[-1])
-    first = int(times.searchsorted(last - 4.0 * FADE))
-    t, x = (times[first:] - last) / FADE, points[first:]
+    first = int(times.searchsorted(last - 4.0 * FADE_TIME))
+    t, x = (times[first:] - last) / FADE_TIME, points[first:]
     degrees = 1 + min(int(-t[0]), len(t) - 1, 2)  # a derivative takes some time to be seen
     rows, parabola = t[:, None] ** np.arange(degrees), np.zeros((3, points.shape[1]))
     parabola[:degrees] = np.linalg.solve(rows.T @ rows, rows.T @ x)
     v, a = parabola[1], 2.0 * parabola[2]
-    over = max(-last, 0.0) + FADE * np.arange(1, FADING + 1)
-    u = over[:, None] / FADE
+    over = max(-last, 0.0) + FADE_TIME * np.arange(1, FADE_POINTS + 1)
+    u = over[:, None] / FADE_TIME
     left = np.exp(-u)
     goes_on = x[-1] + v * (1.0 - left) + (v + a) * (1.0 - (1.0 + u) * left)
-    due, early = int(times.searchsorted(0.0, side="right")), FADE * np.arange(1, int(max(times[0], 0.0) / FADE) + 1)
+    due, early = (
+        int(times.searchsorted(0.0, side="right")),
+        FADE_TIME * np.arange(1, int(max(times[0], 0.0) / FADE_TIME) + 1),
+    )
     before = points[:1].repeat(len(early), axis=0)
     return np.concatenate((early, times[due:], last + over)), np.concatenate((before, points[due:], goes_on))
 
 
-class Stream:
+class SampleSmoother:
     """Samples of a hand, as joint positions: followed so late that a plan has some ahead of it.
 
     Attributes:
@@ -122,7 +127,7 @@ class Stream:
 
     def __init__(self, cutoff: float, tick: float, stamp: float, position: Array, transport: float) -> None:
         """From one sample on; a sample waits at least a tick [s]."""
-        self._least = max(DELAY / cutoff, tick)
+        self._least = max(DELAY_CYCLES / cutoff, tick)
         self.period = 0.0
         self._rough = np.zeros(2)  # sums of squared third differences, near ones and far ones
         self.transport = transport
@@ -143,14 +148,14 @@ class Stream:
 
     def add(self, stamp: float, position: Array, transport: float, *, anew: bool) -> None:
         """A sample (m,) with a stamp later than all before it, which count no more if it is the first `anew`."""
-        kept = slice(0, 0) if anew else slice(1 - MOST_POINTS, None)
-        self.transport += TRANSPORT_SHARE * (transport - self.transport)
+        kept = slice(0, 0) if anew else slice(1 - MAX_POINTS, None)
+        self.transport += MEAN_SHARE * (transport - self.transport)
         if not anew:
             gap = stamp - float(self.stamps[-1])
-            self.period += (TRANSPORT_SHARE if self.period > 0.0 else 1.0) * (gap - self.period)
+            self.period += (MEAN_SHARE if self.period > 0.0 else 1.0) * (gap - self.period)
         self.stamps = np.append(self.stamps[kept], stamp)
         self.positions = np.vstack((self.positions[kept], position))
-        apart = APART * self.delay
+        apart = DIFFERENCE_SPACING * self.delay
         if stamp - float(self.stamps[0]) >= 3.0 * apart:
             at = stamp - apart * np.append(np.arange(3.0, -1.0, -1.0) / 3.0, np.arange(3.0, -1.0, -1.0))
             i = np.minimum(self.stamps.searchsorted(at, side="right"), len(self.stamps) - 1)
@@ -159,7 +164,7 @@ class Stream:
             self._rough = (1.0 - NOISE_SHARE) * self._rough + (np.diff(x, 3, axis=1) ** 2).sum(axis=(1, 2))
 
     @property
-    def _calm(self) -> float:
+    def _smoothing_time(self) -> float:
         """How calm a plan is [s].
 
         The sixth power of the best is the noise over the hand's squared jerk. Third differences near each other are of
@@ -167,19 +172,21 @@ class Stream:
         """
         near, far = self._rough + TINY
         # Stamps on the ticks of a loop scatter in a pattern, in which either of them may cancel.
-        return float(CALM_OF_DELAY * self.delay * np.clip(near / far, 3.0**-6, 1.0) ** (1.0 / 6.0))
+        return float(NOISE_SMOOTHING * self.delay * np.clip(near / far, 3.0**-6, 1.0) ** (1.0 / 6.0))
 
-    def planned(self, before: Motion | None, now: float) -> Motion:
+    def smoothed_motion(self, before: Motion | None, now: float) -> Motion:
         """The motion along the samples that goes on from one before it; without one, from rest at the first.
 
         It is the hand's, not the joints': what these cannot do they catch up with.
         """
         first = np.vstack((self.positions[:1], np.zeros((2, self.positions.shape[1]))))
         state = first if before is None else before.at(np.array((now,)))[0, :3]
-        return planned(state, now, self.stamps + self.late, self.positions, self._boundless, self._calm)
+        return smoothed_motion(
+            state, now, self.stamps + self.late, self.positions, self._boundless, self._smoothing_time
+        )
 
 
-class Clock(NamedTuple):
+class TimeScaling(NamedTuple):
     """How fast the time of a source runs: from one rate to another by a cubic, then on at that."""
 
     start: float  # when the rate begins to change
@@ -195,11 +202,11 @@ class Clock(NamedTuple):
         return found
 
 
-class Clocked(NamedTuple):
+class RetimedMotion(NamedTuple):
     """A motion by a clock of its own."""
 
     source: Motion
-    clock: Clock
+    clock: TimeScaling
     joints: int | None = None  # so many columns of the motion; None is all
 
     @property
@@ -222,15 +229,15 @@ class Clocked(NamedTuple):
         found: Array = self.source.at(times, self.clock)[:, :, : self.joints]
         return found
 
-    def turned(self, time: float, final: float, limits: JointLimits) -> Clocked:
+    def turned(self, time: float, final: float, limits: JointLimits) -> RetimedMotion:
         """The same with a clock that goes over to another rate, and has it as soon as limits of all columns allow.
 
         Joints that brake at their limit already cannot stop sooner: a steady clock then goes on till there is room.
         """
-        return self._replace(clock=Clock(*law.turned(self.source, self.clock, limits, time, final)))
+        return self._replace(clock=TimeScaling(*law.rate_change(self.source, self.clock, limits, time, final)))
 
 
-Source: TypeAlias = Motion | Clocked
+TimedMotion: TypeAlias = Motion | RetimedMotion
 
 
 class Reference:
@@ -244,56 +251,58 @@ class Reference:
     def __init__(self, limits: JointLimits, position: Array, time: float) -> None:
         """At rest."""
         self.limits = limits
-        self.source: Source = resting(position, time)
+        self.source: TimedMotion = constant_motion(position, time)
         self._residual: Array = np.zeros((6, len(position)))
         self._start, self._duration = time, 0.0
 
     @property
-    def joined(self) -> float:
+    def splice_end(self) -> float:
         """When the last splice is over."""
         return self._start + self._duration
 
     @property
     def end(self) -> float:
         """When all is at rest."""
-        return max(self.joined, self.source.end)
+        return max(self.splice_end, self.source.end)
 
     def at(self, time: float) -> Array:
         """(4, m) position, velocity, acceleration and jerk at a time."""
-        found: Array = self.course(self.limits).at(time)[:, : len(self.limits.lower)]
+        found: Array = self.tracked(self.limits).at(time)[:, : len(self.limits.lower)]
         return found
 
-    def course(self, limits: JointLimits, gain: float = 0.0, *, shape: bool = False) -> Any:
+    def tracked(self, limits: JointLimits, gain: float = 0.0, *, keeps_shape: bool = False) -> Any:
         """What is followed inside limits, as the engine takes it.
 
-        `gain` [1/s] leads joints back to where they were sent; `shape` says whether a path's shape is kept.
+        `gain` [1/s] leads joints back to where they were sent; `keeps_shape` says whether a path's shape is kept.
         """
         motion, clock = _by_clock(self.source)
-        pushed = 0.5 * STRAYED if shape else DISPLACED
-        return law.Course(limits, motion, clock, self._residual, self._start, self._duration, gain, shape, pushed)
+        pushed = 0.5 * JOINT_TOLERANCE if keeps_shape else PUSHED_JOINT
+        return law.TrackedMotion(
+            limits, motion, clock, self._residual, self._start, self._duration, gain, keeps_shape, pushed
+        )
 
-    def joins(self, time: float, residual: Array, duration: float) -> None:
+    def set_splice(self, time: float, residual: Array, duration: float) -> None:
         """The splice from a time on: a residual (6, m), zero after a duration."""
         self._start, self._residual, self._duration = time, residual, duration
 
-    def follow(self, source: Source, time: float) -> None:
+    def follow(self, source: TimedMotion, time: float) -> None:
         """Follow a source from a time on without a splice."""
         self.source = source
-        self.joins(time, self._residual, 0.0)
+        self.set_splice(time, self._residual, 0.0)
 
-    def splice(self, source: Source, time: float, state: Array, duration: float) -> bool:
+    def splice(self, source: TimedMotion, time: float, state: Array, duration: float) -> bool:
         """Go over to a source from position, velocity and acceleration (3, m) at a time, in a duration [s].
 
         Returns:
             Whether that keeps the limits together with the source; if not, the source is followed without a splice,
             which the joints cannot do.
         """
-        D = max(duration, SHORTEST_STOP * self.limits.dt)
+        D = max(duration, MIN_SPLICE_TICKS * self.limits.dt)
         self.source = source
         found = law.splice(*_by_clock(source), self.limits, time, state, D)
-        self.joins(time, *((self._residual, 0.0) if found is None else (found, D)))
+        self.set_splice(time, *((self._residual, 0.0) if found is None else (found, D)))
         return found is not None
 
 
-def _by_clock(source: Source) -> tuple[Motion, Clock | None]:
-    return (source.source, source.clock) if isinstance(source, Clocked) else (source, None)
+def _by_clock(source: TimedMotion) -> tuple[Motion, TimeScaling | None]:
+    return (source.source, source.clock) if isinstance(source, RetimedMotion) else (source, None)

@@ -14,17 +14,17 @@ import numpy as np
 from invariantqp.control.controller import Controller
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.paths.fit import Given, Solver
-from invariantqp.paths.reference import STRAYED, Motion, Stream
+from invariantqp.paths.joint_limits import speed_scale
+from invariantqp.paths.reference import JOINT_TOLERANCE, Motion, SampleSmoother
 from invariantqp.paths.stamps import FIRST_TIMEOUT, Arrivals, SampleClock
-from invariantqp.paths.time_law import usual
+from invariantqp.paths.waypoints import WaypointIK, Waypoints
 from invariantqp.robots.kinematics import joint_displacement
 
 # Samples that are taken in a tick at most, the newest: under a millisecond each.
-MOST_WAITING = 8
+MAX_WAITING = 8
 
 
-class Samples:
+class SampleStream:
     """What a stream has brought.
 
     Attributes:
@@ -38,11 +38,11 @@ class Samples:
         dropped: why the last sample was dropped, "" where it was believed.
     """
 
-    def __init__(self, loop: Controller, solver: Solver, *, cutoff: float, timeout: float, drops: bool) -> None:
+    def __init__(self, loop: Controller, solver: WaypointIK, *, cutoff: float, timeout: float, drops: bool) -> None:
         """No samples yet; `drops` says whether outliers are dropped, the rest is as in `Follower`."""
         self._loop, self._solver, self._cutoff, self._drops = loop, solver, cutoff, drops
-        self._fastest = usual(loop.box.velocity_limit)
-        self._waiting: deque[tuple[Given, float | None]] = deque(maxlen=MOST_WAITING)
+        self._fastest = speed_scale(loop.box.velocity_limit)
+        self._waiting: deque[tuple[Waypoints, float | None]] = deque(maxlen=MAX_WAITING)
         self._clock = SampleClock()
         self._doubted = False  # whether the last sample was an outlier
         self.arrivals = Arrivals(timeout, max(timeout, FIRST_TIMEOUT))
@@ -54,14 +54,14 @@ class Samples:
     def clear(self) -> None:
         """Forget the stream, and what waits."""
         self._waiting.clear()
-        self.newest: tuple[Given, Array, float] | None = None
+        self.newest: tuple[Waypoints, Array, float] | None = None
         self.source: Motion | None = None
-        self.stream: Stream | None = None
+        self.stream: SampleSmoother | None = None
         self.far = False
         self.twist: Array = np.zeros(6)
         self.missed, self.dropped = 0.0, ""
 
-    def add(self, given: Given, stamp: float | None) -> None:
+    def add(self, given: Waypoints, stamp: float | None) -> None:
         """One more sample, with its stamp [s], or None for now."""
         self._waiting.append((given, stamp))
 
@@ -76,14 +76,14 @@ class Samples:
                 continue
             if before is not None and when - before[2] > self.arrivals.timeout:
                 before = None
-            given = self._solver.posed(given, q if before is None else before[1], leaps=before is None)
+            given = self._solver.with_poses(given, q if before is None else before[1], leaps=before is None)
             if before is not None and self._is_outlier(given, when, before):
                 continue
             self.arrivals.add(now)
             self.dropped, believed = "", True
             goes_on = self._take(given, when, before, now, q) and goes_on
         if believed and self.stream is not None and not self.by_law:
-            self.source = self.stream.planned(self.source if goes_on else None, now)
+            self.source = self.stream.smoothed_motion(self.source if goes_on else None, now)
         return goes_on
 
     @property
@@ -97,14 +97,16 @@ class Samples:
         """Whether the newest sample is approached by the law, which keeps exact demands on the way."""
         return self.far and bool(self._loop.exact) and self.newest is not None and self.newest[0].poses is not None
 
-    def _take(self, given: Given, when: float, before: tuple[Given, Array, float] | None, now: float, q: Array) -> bool:
+    def _take(
+        self, given: Waypoints, when: float, before: tuple[Waypoints, Array, float] | None, now: float, q: Array
+    ) -> bool:
         """A sample that is believed; whether the motion along the samples goes on."""
         exact = bool(self._loop.exact) and given.poses is not None
         near, last = (q, None) if before is None else (q if exact and self.far else before[1], before[2])
         joints, missed = self._solver.points(given, near, np.array((when,)), last)
         there, self.missed = joints[0], float(missed[0])
         if before is None or (exact and self.far):
-            self.far = bool(np.abs(there - q).max() > STRAYED)
+            self.far = bool(np.abs(there - q).max() > JOINT_TOLERANCE)
         elif exact:
             self.far = bool((np.abs(there - before[1]) > self._fastest * (when - before[2])).any())
         self.twist = np.zeros(6)
@@ -114,14 +116,14 @@ class Samples:
         if self.by_law:
             self.source = None
         elif self.stream is None:
-            self.stream = Stream(self._cutoff, self._loop.dt, when, there, late)
+            self.stream = SampleSmoother(self._cutoff, self._loop.dt, when, there, late)
         else:
             anew = before is None or self.source is None
             self.stream.add(when, there, late, anew=anew)
             return not anew
         return False
 
-    def _is_outlier(self, given: Given, when: float, before: tuple[Given, Array, float]) -> bool:
+    def _is_outlier(self, given: Waypoints, when: float, before: tuple[Waypoints, Array, float]) -> bool:
         """Whether a sample is dropped: it is beyond the joints' speed limits, and the one before it was not."""
         if not self._drops:
             return False

@@ -10,8 +10,8 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.solution import Status
 
 # A reason, or what finds it when it is read; the same of a place, how late it is and its speed.
-Why: TypeAlias = str | Callable[[], str]
-Where: TypeAlias = tuple[float, float, float] | Callable[[], tuple[float, float, float]]
+Reason: TypeAlias = str | Callable[[], str]
+Location: TypeAlias = tuple[float, float, float] | Callable[[], tuple[float, float, float]]
 
 
 class FollowerSolution:
@@ -31,16 +31,16 @@ class FollowerSolution:
         self,
         velocity: Array,
         status: Status,
-        reason: Why,
-        where: Where,
+        reason: Reason,
+        where: Location,
         across: Callable[[], float],
         ruling: str = "",
         hybrid: HybridSolution | None = None,
     ) -> None:
         """As the attributes say; what is given as a function is computed when it is read."""
         self.velocity, self.status, self.ruling, self.hybrid = velocity, status, ruling, hybrid
-        self._why: Why = reason
-        self._where: Where = where
+        self._why: Reason = reason
+        self._where: Location = where
         self._across: Callable[[], float] | float = across
 
     def _read(self) -> tuple[float, float, float]:
@@ -71,7 +71,7 @@ class FollowerSolution:
         return self._why
 
     @reason.setter
-    def reason(self, why: Why) -> None:
+    def reason(self, why: Reason) -> None:
         self._why = why
 
     @property

@@ -14,22 +14,22 @@ from numpy.typing import ArrayLike
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.paths.fit import Given
-from invariantqp.paths.time_law import usual
+from invariantqp.paths.joint_limits import speed_scale
+from invariantqp.paths.waypoints import Waypoints
 
 # Stamps this far [s] from the follower's clock are of another clock; points as far apart in the mean are questioned.
 ANOTHER_CLOCK = 1.0
 # Nobody waits so long for a point [s]: this is halfway from a second to a second's nanoseconds.
-LONG = sqrt(1e9)
+MAX_STAMP_GAP = sqrt(1e9)
 # A stream has ended after so many of its intervals without an item, but not later than the second [s]: four items in a
 # row may be lost. Items farther apart are of several streams. The second sample is waited for for the third time [s]; a
 # twist, which goes on moving the arm, is not followed for longer until the interval is known.
-INTERVALS, LONGEST_TIMEOUT, FIRST_TIMEOUT = 5.0, 0.5, 0.4
+INTERVALS, MAX_TIMEOUT, FIRST_TIMEOUT = 5.0, 0.5, 0.4
 # The share of a new interval in their mean.
 INTERVAL_SHARE = 0.1
 
 
-def increasing(stamps: ArrayLike, count: int) -> Array:
+def checked_stamps(stamps: ArrayLike, count: int) -> Array:
     """(count,) checked.
 
     Raises:
@@ -39,12 +39,12 @@ def increasing(stamps: ArrayLike, count: int) -> Array:
     apart = np.diff(times)
     if not (apart > 0.0).all():
         raise BadInput("stamps", "stamps that do not increase", "one for each point, increasing")
-    if (most := float(apart.max(initial=0.0))) > LONG:
+    if (most := float(apart.max(initial=0.0))) > MAX_STAMP_GAP:
         raise BadInput("stamps", f"stamps {most:.3g} s apart", "times in seconds", "Are these nanoseconds?")
     return times
 
 
-def question(stamps: Array, given: Given, speed: Array, length: float) -> None:
+def warn_if_milliseconds(stamps: Array, given: Waypoints, speed: Array, length: float) -> None:
     """Warn of points whose stamps (n,) look like milliseconds: the arm could pass them a thousand times as fast.
 
     A turn of poses counts as `length` [length/rad]; speeds of joints (m,) [rad/s, length/s].
@@ -52,7 +52,7 @@ def question(stamps: Array, given: Given, speed: Array, length: float) -> None:
     lasts = float(stamps[-1] - stamps[0])
     if lasts < ANOTHER_CLOCK * max(len(stamps) - 1, 1):
         return
-    speed = usual(speed)
+    speed = speed_scale(speed)
     if given.joints is not None:
         way = float((np.abs(np.diff(given.joints, axis=0)).sum(axis=0) / speed).max())
     elif given.poses is None:
@@ -100,12 +100,12 @@ class Arrivals:
     def timeout(self) -> float:
         """After how long without an item the stream has ended [s]."""
         known = self._interval > 0.0
-        return max(self._shortest, min(INTERVALS * self._interval, LONGEST_TIMEOUT) if known else self._first)
+        return max(self._shortest, min(INTERVALS * self._interval, MAX_TIMEOUT) if known else self._first)
 
     def add(self, now: float) -> None:
         """An item arrives."""
         gap, mean = now - self.last, self._interval
-        if gap > max(self.timeout, LONGEST_TIMEOUT):
+        if gap > max(self.timeout, MAX_TIMEOUT):
             self._interval = 0.0
         elif gap > 0.0:
             self._interval = gap if mean == 0.0 else mean + INTERVAL_SHARE * (gap - mean)

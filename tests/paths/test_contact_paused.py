@@ -93,7 +93,7 @@ def test_whatever_it_is_told_it_stays_on_its_path_under_its_force(orders, option
             getattr(drive.follower, order)()
         drive.tick(ticks, override=part)
     drive.follower.resume()
-    if drive.follower._shape.back:
+    if drive.follower._path.drive.back:
         drive.follower.reverse()
     assert drive.until("done").place == pytest.approx(PERIOD / 2, rel=1e-6)
     drive.check()

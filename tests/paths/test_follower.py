@@ -14,7 +14,7 @@ from support.arms import ready
 from support.streams import ARMS, Arm, chunks, driven
 
 import invariantqp as iq
-from invariantqp.paths import fit
+from invariantqp.paths import waypoints
 
 
 def hand(arm, rng, T, f=60.0, noise=1.0, lag=0.02):
@@ -328,8 +328,8 @@ def test_the_work_of_a_tick_is_bounded_whatever_comes(monkeypatch):
     truth = arm.motion(np.random.default_rng(8))
     solved = []
     for name in ("solve", "met"):
-        real = getattr(fit.PoseSearch, name)
-        monkeypatch.setattr(fit.PoseSearch, name, lambda *a, _=real, **k: (solved.append(1), _(*a, **k))[1])
+        real = getattr(waypoints.PoseSearch, name)
+        monkeypatch.setattr(waypoints.PoseSearch, name, lambda *a, _=real, **k: (solved.append(1), _(*a, **k))[1])
     follower, q = arm.follower(), arm.start
     stamps = np.arange(5000) * 0.01
     poses = np.array([arm.robot.pose(truth(t)) for t in stamps])

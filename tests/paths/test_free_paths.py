@@ -204,10 +204,10 @@ def test_the_speed_limit_of_a_point_of_the_tool_is_kept_whatever_turns_it():
     points = robot.pose(q)[:3, 3] + np.linspace(0.0, 0.2, 10)[:, None] * [0.0, 1.0, 0.0]
     follower = follower_on(robot, points, q, options=options)
     motion = follower.plan.motion
-    planned = motion.at(np.linspace(0.0, motion.end, 200))[:, :2, :-1]
+    smoothed_motion = motion.at(np.linspace(0.0, motion.end, 200))[:, :2, :-1]
     _, Q, velocities = drive(follower, q)
     speed = []
-    for x, v in (*planned, *zip(Q, velocities, strict=False)):
+    for x, v in (*smoothed_motion, *zip(Q, velocities, strict=False)):
         T, s = robot.pose(x), robot.jacobian(x) @ v
         speed.append(np.linalg.norm(s[3:] + np.cross(s[:3], T[:3, :3] @ tip + T[:3, 3])))
     assert 0.099 < max(speed) <= 0.1 * (1.0 + 1e-6)

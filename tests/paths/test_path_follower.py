@@ -239,7 +239,7 @@ def test_it_leaves_the_path_by_the_least(name, exact, where):
     found, before = [], start
     for u in np.linspace(0.0, 1.0, 7):
         q = follower.plan.joints(u * follower.plan.end)
-        W = pose(follower._shape.given.place(u * follower.plan.end))
+        W = pose(follower._path.drive.given.place(u * follower.plan.end))
         tries = [least_squares(missing, np.clip(x, *bounds), bounds=bounds, args=(W,)) for x in (q, before)]
         best = min(tries, key=lambda one: one.cost)
         before = best.x

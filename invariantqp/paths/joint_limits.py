@@ -21,7 +21,7 @@ AT_LIMIT = 1e-6
 AT_REST = 1e-6
 
 
-def usual(limit: Array) -> Array:
+def speed_scale(limit: Array) -> Array:
     """(m,) speeds beside which those of joints count: their limits, a unit where there is none."""
     return np.where(np.isfinite(limit), limit, 1.0)
 
@@ -36,13 +36,13 @@ class JointLimits(NamedTuple):
     jerk: Array
     dt: float
 
-    def slowed(self, share: Array) -> JointLimits:
+    def scaled(self, share: Array) -> JointLimits:
         """With speeds that are shares (m,) of these, or of a unit where there is no limit."""
-        return self._replace(velocity=np.maximum(share, AT_REST) * usual(self.velocity))
+        return self._replace(velocity=np.maximum(share, AT_REST) * speed_scale(self.velocity))
 
-    def towards(self, velocity: Array, wanted: Array) -> Array:
+    def acceleration_towards(self, velocity: Array, wanted: Array) -> Array:
         """(m,) accelerations that bring a velocity to the wanted one soonest, jerk taking them back in time."""
-        found: Array = law.towards_velocity(self, velocity, wanted)
+        found: Array = law.acceleration_towards(self, velocity, wanted)
         return found
 
     def approach_speed(self, way: Array, gain: float) -> Array:
@@ -50,15 +50,15 @@ class JointLimits(NamedTuple):
         found: Array = law.approach_speed(self, way, gain)
         return found
 
-    def peak(self, way: Array) -> Array:
+    def peak_speed(self, way: Array) -> Array:
         """(m,) the largest speeds of joints that catch up a way (m,) from rest to rest, nearly."""
         found: Array = law.peak_speed(self, way)
         return found
 
-    def within(self, q: Array, velocity: Array, acceleration: Array, wanted: Array) -> Array:
+    def admissible_acceleration(self, q: Array, velocity: Array, acceleration: Array, wanted: Array) -> Array:
         """(m,) the acceleration of a tick nearest the wanted one, after which every joint can still stop.
 
         `velocity` and `acceleration` are those of the tick before.
         """
-        found: Array = law.within_limits(self, q, velocity, acceleration, wanted)
+        found: Array = law.admissible_acceleration(self, q, velocity, acceleration, wanted)
         return found

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from support.repeats import repeats
 
-from invariantqp.paths.time_law import JointLimits
+from invariantqp.paths.joint_limits import JointLimits
 
 
 def limits(rng, m=6, dt=0.002):
@@ -26,7 +26,7 @@ def test_no_limit_is_ever_broken(kind, dt):
             wanted = 5.0 * law.acceleration * rng.normal(size=m)
         elif i % 100 == 0:
             wanted = law.acceleration * (rng.choice([-2.0, 2.0], m) if kind == "steps" else 2.0)
-        new = law.within(q, v, a, wanted)
+        new = law.admissible_acceleration(q, v, a, wanted)
         assert (np.abs(new) <= law.acceleration * (1 + 1e-9)).all()
         assert (np.abs(new - a) <= law.jerk * dt * (1 + 1e-9)).all()
         a, v = new, v + dt * new
@@ -45,7 +45,7 @@ def test_what_is_inside_the_limits_is_done():
     v = np.diff(q, axis=0) / law.dt
     a = np.diff(v, axis=0, prepend=0.0) / law.dt
     for i in range(1, len(a)):
-        assert (law.within(q[i], v[i - 1], a[i - 1], a[i]) == a[i]).all()
+        assert (law.admissible_acceleration(q[i], v[i - 1], a[i - 1], a[i]) == a[i]).all()
 
 
 def test_a_velocity_is_reached_and_not_passed():
@@ -54,7 +54,7 @@ def test_a_velocity_is_reached_and_not_passed():
     wanted = law.velocity * rng.uniform(-0.9, 0.9, 48)
     v, a = np.zeros(48), np.zeros(48)
     for _ in range(1500):
-        a = law.within(np.zeros(48), v, a, law.towards(v, wanted))
+        a = law.admissible_acceleration(np.zeros(48), v, a, law.acceleration_towards(v, wanted))
         v = v + law.dt * a
         # In whole ticks: the last part of a tick's jerk adds up to an eighth of what it changes the velocity by.
         assert (np.abs(v) <= np.abs(wanted) + law.jerk * law.dt**2 / 8.0 + 1e-9).all()

@@ -5,7 +5,7 @@
     points (n, 3), targets that leave something free      the poses that meet them, each near the joints before
 
 Where a pose is out of reach its joints are the closest downhill; where that lasts, or a pose is wanted whenever joints
-get there, `Solver` looks for another branch.
+get there, `WaypointIK` looks for another branch.
 """
 
 from __future__ import annotations
@@ -27,25 +27,25 @@ from invariantqp.pose.ik import PoseSearch
 from invariantqp.robots.kinematics import Robot, unwrapped
 
 # A pose missed by more than this, relative to the arm's length and in radians, is not reached.
-REACHED = 1e-4
+POSE_TOLERANCE = 1e-4
 # A pose that is missed for this long [s] is tried from other joint positions, so far away [rad, length], in turn.
-PATIENCE = 0.2
-ELSEWHERE = (0.3, 0.6, 1.0, 1.5, 2.2)
+STALL_TIME = 0.2
+RESTART_DISTANCES = (0.3, 0.6, 1.0, 1.5, 2.2)
 # A pose is not stalled while the way to it falls below this share of the farthest.
-PROGRESS = 0.9
+STALL_RATIO = 0.9
 # Out of reach joints go no faster than this share of their limits: accelerations have to follow.
-OUTSIDE_SHARE = 0.4
+UNREACHABLE_SPEED = 0.4
 # Tries from elsewhere for each pose, at most.
-TRIES = 3
+MAX_RESTARTS = 3
 
 
-class Given:
+class Waypoints:
     """What a caller gave: points of one kind, with stamps.
 
     Attributes:
         poses: (n, 4, 4), or None.
         joints: (n, m), or None.
-        targets: n of them that leave something free, or None; `Solver.posed` makes poses of them.
+        targets: n of them that leave something free, or None; `WaypointIK.with_poses` makes poses of them.
         missed: (n,) by how much poses that were made so miss their targets [length], or None.
     """
 
@@ -87,9 +87,9 @@ class Given:
         found = [target.point for target in self.targets or () if target.point is not None]
         return np.array(found).reshape(-1, 3)
 
-    def chosen(self, which: slice) -> Given:
+    def chosen(self, which: slice) -> Waypoints:
         """Those alone that are chosen."""
-        new = Given.__new__(Given)
+        new = Waypoints.__new__(Waypoints)
         new.poses = None if self.poses is None else self.poses[which]
         new.joints = None if self.joints is None else self.joints[which]
         new.targets = None if self.targets is None else self.targets[which]
@@ -109,7 +109,7 @@ class Given:
         return between
 
 
-class Solver:
+class WaypointIK:
     """Joint positions for points, each near the one before."""
 
     def __init__(self, controller: Controller, tolerance: float) -> None:
@@ -137,24 +137,24 @@ class Solver:
             self._stalled = None
             return reached, 0.0
         if step == inf:
-            other = next((q for _ in ELSEWHERE if (q := self._elsewhere(target, near)) is not None), None)
+            other = next((q for _ in RESTART_DISTANCES if (q := self._elsewhere(target, near)) is not None), None)
             return (reached, missed) if other is None else (other, 0.0)
         far = reached if missed <= self._tolerance else None  # which joints do not get to in a step
         q = self._nearer(target, near, step)
         missed = task_error(self._loop, q, self._loop.robot.target(target)).off
-        if self._stalled is None or time < self._stalled[0] or missed < PROGRESS * self._stalled[1]:
+        if self._stalled is None or time < self._stalled[0] or missed < STALL_RATIO * self._stalled[1]:
             self._stalled = time, missed
             self._tried = 0
             return q, missed
         self._stalled = self._stalled[0], max(missed, self._stalled[1])
-        if time - self._stalled[0] >= PATIENCE * (1 + self._tried // len(ELSEWHERE)):
+        if time - self._stalled[0] >= STALL_TIME * (1 + self._tried // len(RESTART_DISTANCES)):
             other = self._elsewhere(target, near) if far is None else far
             if other is not None:
                 self._stalled = None
                 return other, 0.0
         return q, missed
 
-    def points(self, given: Given, near: Array, times: Array, before: float | None = None) -> tuple[Array, Array]:
+    def points(self, given: Waypoints, near: Array, times: Array, before: float | None = None) -> tuple[Array, Array]:
         """(n, m) joint positions for points wanted at times (n,), and (n,) by how much each is missed.
 
         The joints are near (m,) at the time `before`; None is any time before.
@@ -178,7 +178,7 @@ class Solver:
             missed = np.maximum(missed, given.missed)
         return np.clip(answer, self._lower, self._upper), missed
 
-    def posed(self, given: Given, near: Array, *, leaps: bool) -> Given:
+    def with_poses(self, given: Waypoints, near: Array, *, leaps: bool) -> Waypoints:
         """Poses in place of targets that leave something free: each the nearest, downhill from the joints (m,) before.
 
         With `leaps` the first is looked for elsewhere, too, where it is not reached so.
@@ -189,7 +189,7 @@ class Solver:
         new.targets, new.poses, new.missed = None, np.zeros((len(given), 4, 4)), np.zeros(len(given))
         for i, target in enumerate(given.targets):
             found = self._free.solve(target, near)
-            for far in ELSEWHERE if leaps and i == 0 else ():
+            for far in RESTART_DISTANCES if leaps and i == 0 else ():
                 if found.success:
                     break
                 start = near + far * self._random.uniform(-1.0, 1.0, len(near))
@@ -201,8 +201,10 @@ class Solver:
 
     def _elsewhere(self, target: Array, near: Array) -> Array | None:
         """(m,) joint positions of another branch that reach a pose, or None."""
-        for _ in range(TRIES):
-            start = near + ELSEWHERE[self._tried % len(ELSEWHERE)] * self._random.uniform(-1.0, 1.0, len(near))
+        for _ in range(MAX_RESTARTS):
+            start = near + RESTART_DISTANCES[self._tried % len(RESTART_DISTANCES)] * self._random.uniform(
+                -1.0, 1.0, len(near)
+            )
             self._tried += 1
             other = self._search.solve(target, np.clip(start, self._lower, self._upper))
             if self._missed(other) <= self._tolerance:
@@ -231,7 +233,7 @@ class Solver:
         """(m,) joint positions as near a pose as the joints get in a step [s] by the loop's law."""
         loop = self._loop
         seen = task_error(loop, q, loop.robot.target(target))
-        speed = OUTSIDE_SHARE * loop.box.velocity_limit
+        speed = UNREACHABLE_SPEED * loop.box.velocity_limit
         lower = np.clip((self._lower - q) / step, -speed, 0.0)
         upper = np.clip((self._upper - q) / step, 0.0, speed)
         x = self._from_rest(seen, q, seen.error / step, step, lower=lower, upper=upper)
@@ -244,7 +246,7 @@ class Solver:
         return float(np.hypot(found.position_error, self._loop.measure.length * found.orientation_error))
 
 
-def sampled(function: Callable[[float], ArrayLike], times: Array, m: int) -> Given:
+def sampled(function: Callable[[float], ArrayLike], times: Array, m: int) -> Waypoints:
     """A function of time at times (n,)."""
     points = [arrays.matrix_of(p) for p in map(function, times.tolist())]
-    return Given(points, m, "points")
+    return Waypoints(points, m, "points")

@@ -20,28 +20,28 @@ from invariantqp.control.controller import Controller
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.paths.ahead import OFF_PATH, SHORTEST, JointPath
-from invariantqp.paths.curve import SLOW, GivenPath, given_path
-from invariantqp.paths.fit import REACHED
+from invariantqp.paths.curve import SLOW_SHARE, ParametrisedPath, parametrised_path
+from invariantqp.paths.joint_limits import JointLimits, speed_scale
+from invariantqp.paths.joint_path import MIN_STEP, PATH_TOLERANCE, JointPath
 from invariantqp.paths.plan import ON_TIME, PathPlan, plan_of
-from invariantqp.paths.reference import Clock, Clocked
+from invariantqp.paths.reference import RetimedMotion, TimeScaling
 from invariantqp.paths.solution import FollowerSolution
 from invariantqp.paths.task_error import TaskError, task_error
-from invariantqp.paths.time_law import JointLimits, usual
+from invariantqp.paths.waypoints import POSE_TOLERANCE
 from invariantqp.velocity.solution import Status
 
 # Look-ahead steps for each second of ticks, at least one a tick: a step takes a third of a millisecond or so.
-STEPS = 1500.0
+SEARCH_RATE = 1500.0
 # A tool on its way to the path whose joints rest for this long [s], its distance falling at less than this share of
 # the gain, does not get there.
-PATIENCE, STUCK = 1.0, 0.1
+STUCK_TIME, STUCK_SHARE = 1.0, 0.1
 # The end is reached within the shortest step; what blocks it within this share of the path: at the edge of its reach an
 # arm moves much for little. In contact the tool is there as it has reached a pose, along S.
-STOPPED = 2e-5
+BLOCKED_TOLERANCE = 2e-5
 # A tool farther off its path than this, relative to the measure's length, has been pushed.
-PUSHED = 0.02
+PUSHED_TOOL = 0.02
 # What rules a tick where limits do not.
-OVERRIDDEN, ASTRAY, PAUSE, TURN = "the override", "the arm is off its path", "a pause", "the turn"
+OVERRIDE, OFF_PATH, PAUSE, TURN = "the override", "the arm is off its path", "a pause", "the turn"
 ON_THE_WAY, ON_THE_WAY_BACK = (
     "on the way to the path's start",
     "off the path, pushed or later than told (delay=), on the way back",
@@ -51,7 +51,7 @@ SETTLING, ENDED, START = "settling", "the path's end", "the start"
 MOVING, SLOWED = Status.MOVING, Status.SLOWED
 
 
-class Shape:
+class PathDrive:
     """A path to be driven, and what is known of it.
 
     Attributes:
@@ -86,16 +86,18 @@ class Shape:
         self._jerk = joint_jerk
         self._stops = arrays.choice(blocked, "blocked", ("stop", "leave")) == "stop"
         self._length: float = loop.measure.length
-        self._tolerance = OFF_PATH * self._length
+        self._tolerance = PATH_TOLERANCE * self._length
         if tolerance is not None:
             self._tolerance = arrays.number(tolerance, "tolerance", "a distance", positive=True)
         timed = rate is not None
-        self.given: GivenPath = given_path(loop.robot, loop.measure, path, end, times, timed=timed, corners=corners)
+        self.given: ParametrisedPath = parametrised_path(
+            loop.robot, loop.measure, path, end, times, timed=timed, corners=corners
+        )
         self._goal = self.given.curve.target(loop.robot, 0.0)
         self._search: JointPath | None = None
         self._share = 1.0  # the largest override so far: the plan is for that many times the rate
         self.plan: PathPlan | None = None
-        self.motion: Clocked | None = None
+        self.motion: RetimedMotion | None = None
         self.back = False
         m = len(joint_jerk)
         none = np.full(m + 1, inf)
@@ -108,7 +110,14 @@ class Shape:
         self._few = len(loop.robot.names) < self.given.curve.size and not loop.exact
         self._off = self._stood = 0.0  # on the way to the path: how far off it is, and for how long it gets no nearer
         self._ticks = 0  # since it set out
-        self._usual = -inf  # up to which place all that is to be told is told by the core; none where a place is left
+        self._plain_until = (
+            -inf
+        )  # up to which place all that is to be told is told by the core; none where a place is left
+
+    @property
+    def limits_jerk(self) -> bool:
+        """Whether the jerk of the joints is limited."""
+        return bool(np.isfinite(self._jerk).all())
 
     # Setting out
 
@@ -116,33 +125,33 @@ class Shape:
         """Find the joint motion from joint positions (m,) near the path's start."""
         self._search = self.plan = None
         while self.plan is None:
-            self.look_on(q)
+            self.extend_search(q)
 
-    def set_out(self, q: Array, before: Array, share: float) -> FollowerSolution:
+    def approach_start(self, q: Array, before: Array, share: float) -> FollowerSolution:
         """A tick of the way to the path's start at a share of the speed, and of looking along it."""
         loop, dt = self._loop, self._loop.dt
         off = task_error(loop, q, self._goal).off
-        if self._search is None and off > OFF_PATH * self._length:
+        if self._search is None and off > PATH_TOLERANCE * self._length:
             answer = loop.step(q, self._goal, velocity=before, speed=share)
             still = self._stands(answer.velocity)
             if self._stops or not still:  # a path that may be left may start out of reach
-                stuck = still and share > 0.0 and off > (1.0 - STUCK * loop.gain * dt) * self._off
+                stuck = still and share > 0.0 and off > (1.0 - STUCK_SHARE * loop.gain * dt) * self._off
                 self._off, self._stood = off, self._stood + dt if stuck else 0.0
-                lasts = self._stood >= PATIENCE
+                lasts = self._stood >= STUCK_TIME
                 why = f"the arm comes no closer than {off:.3g} to the path" if lasts else ON_THE_WAY
                 status = Status.BLOCKED if lasts else Status.WAITING
                 return self._waiting(answer.velocity, status, "; ".join(filter(None, (why, answer.reason))), off)
         answer = loop.rest(q, "", before)
-        self.look_on(q)
+        self.extend_search(q)
         return self._waiting(answer.velocity, Status.WAITING, "looking along the path", off)
 
-    def look_on(self, q: Array) -> None:
+    def extend_search(self, q: Array) -> None:
         """Look a little farther along the path, from joint positions (m,) near its start; make the plan at its end."""
         if self._search is None:
             self._search = JointPath(
-                self._loop, self.given.curve, q, rate=self._rate, mean=self.given.slow / SLOW, stops=self._stops
+                self._loop, self.given.curve, q, rate=self._rate, mean=self.given.slow / SLOW_SHARE, stops=self._stops
             )
-        for _ in range(max(round(STEPS * self._loop.dt), 1)):
+        for _ in range(max(round(SEARCH_RATE * self._loop.dt), 1)):
             if self._search.done:
                 self.plan = self._planned(self._search)
                 return
@@ -160,8 +169,8 @@ class Shape:
         rate = inf if self._rate is None else self._share * self._rate
         along = (rate, self._along[0], self._along[1])
         plan = plan_of(self._loop, self.given.curve, search.knots, search.blocked, along=along, jerk=self._jerk)
-        near = (STOPPED if plan.blocked else SHORTEST) * self.given.curve.end
-        self._usual = plan.end - near if (plan.off <= OFF_PATH * self._length).all() else -inf
+        near = (BLOCKED_TOLERANCE if plan.blocked else MIN_STEP) * self.given.curve.end
+        self._plain_until = plan.end - near if (plan.off <= PATH_TOLERANCE * self._length).all() else -inf
         return plan
 
     # Driving
@@ -173,20 +182,20 @@ class Shape:
             raise BadInput("path", "a path without a plan", "prepare(q)")
         return self.plan
 
-    def begin(self, time: float) -> Clocked:
+    def begin(self, time: float) -> RetimedMotion:
         """Drive the plan from a time on, at its start and from rest."""
         self._ticks = 0
-        self.motion = Clocked(self.driven.motion, Clock(time, 0.0, 0.0, 0.0, 0.0), len(self._jerk))
+        self.motion = RetimedMotion(self.driven.motion, TimeScaling(time, 0.0, 0.0, 0.0, 0.0), len(self._jerk))
         return self.motion
 
-    def order(self, time: float, override: float) -> Clocked:
+    def order(self, time: float, override: float) -> RetimedMotion:
         """The motion from a time on at a share of its speed: its clock goes over to another rate if that changed."""
         motion = self.motion
         if motion is None:
             motion = self.begin(time)
         now = motion.place(time)
         if not 0.0 <= now <= motion.source.end:  # at rest beyond an end, where no time is to be made up
-            clock = Clock(time, min(max(now, 0.0), motion.source.end), 0.0, 0.0, 0.0)
+            clock = TimeScaling(time, min(max(now, 0.0), motion.source.end), 0.0, 0.0, 0.0)
             motion = motion._replace(clock=clock)
         if self._rate is not None and override > self._share and self._search is not None:
             motion = self._faster(motion, time, override, self._search)
@@ -194,13 +203,13 @@ class Shape:
         final = -share if self.back else share
         clock = motion.clock
         if clock.final != final and clock.rate == 0.0 == clock.final and self._sets_out(motion, clock.first):
-            motion = motion._replace(clock=Clock(time, clock.first, final, 0.0, final))
+            motion = motion._replace(clock=TimeScaling(time, clock.first, final, 0.0, final))
         elif clock.final != final:
             motion = motion.turned(time, final, self._limits)
         self.motion = motion
         return motion
 
-    def _faster(self, motion: Clocked, time: float, override: float, search: JointPath) -> Clocked:
+    def _faster(self, motion: RetimedMotion, time: float, override: float, search: JointPath) -> RetimedMotion:
         """The motion by a plan for a larger override, at the same place and speed."""
         at, rate, _ = motion.clock.now(time)
         place, speed = motion.source.at(np.array((at,)))[0, :2, -1]
@@ -209,22 +218,22 @@ class Shape:
         there = plan.time(float(place))
         most = float(plan.motion.at(np.array((there,)))[0, 1, -1])
         rate *= float(speed) / most if most > 0.0 else 1.0
-        return motion._replace(source=plan.motion, clock=Clock(time, there, rate, 0.0, rate))
+        return motion._replace(source=plan.motion, clock=TimeScaling(time, there, rate, 0.0, rate))
 
-    def _sets_out(self, motion: Clocked, at: float) -> bool:
+    def _sets_out(self, motion: RetimedMotion, at: float) -> bool:
         """Whether the motion at a time of its own is so slow that joints can have it in a tick."""
         _, v, a, _ = motion.source.at(np.array((at,)))[0]
         dt, limits = self._loop.dt, self._limits
         return bool((np.abs(v) <= dt * limits.acceleration).all() and (np.abs(a) <= dt * limits.jerk).all())
 
-    def still(self, time: float) -> Clocked:
+    def still(self, time: float) -> RetimedMotion:
         """The motion with its clock at rest where it is now."""
         if self.motion is None:
             return self.begin(time)
-        self.motion = self.motion._replace(clock=Clock(time, self.motion.place(time), 0.0, 0.0, 0.0))
+        self.motion = self.motion._replace(clock=TimeScaling(time, self.motion.place(time), 0.0, 0.0, 0.0))
         return self.motion
 
-    def delayed(self, by: float) -> Clocked:
+    def delayed(self, by: float) -> RetimedMotion:
         """The motion, which is driven, with its clock later by some time [s]."""
         motion = self.motion or self.begin(0.0)
         self.motion = motion._replace(clock=motion.clock._replace(start=motion.clock.start + by))
@@ -247,7 +256,7 @@ class Shape:
 
     # What is told
 
-    def told(
+    def solution(
         self, q: Array, command: Array, time: float, override: float, *, why: str, pressed: float | None = None
     ) -> FollowerSolution:
         """What is told of a tick that ends at a time, its joints at q (m,) when it began.
@@ -264,9 +273,9 @@ class Shape:
             return self.across(q, before) if pressed is None else pressed
 
         blocked = plan.blocked
-        if not blocked and plan.off[-1] > OFF_PATH * self._length:
+        if not blocked and plan.off[-1] > PATH_TOLERANCE * self._length:
             blocked = f"it is out of reach, by {plan.off[-1]:.3g} [length]"
-        near = (STOPPED if blocked else SHORTEST) * self.given.curve.end
+        near = (BLOCKED_TOLERANCE if blocked else MIN_STEP) * self.given.curve.end
         if why or rate < 0.0 or plan.end - at > near:
             status, reason, ruling = self._on_the_way(before, now, rate, why, override)
         elif not self._stands(command):
@@ -277,7 +286,7 @@ class Shape:
                 f"the path cannot be had from {where[0]:.6g} on: {blocked}",
                 SETTLING,
             )
-        elif not (self._arrived(q, before, command) if pressed is None else pressed <= REACHED * self._length):
+        elif not (self._arrived(q, before, command) if pressed is None else pressed <= POSE_TOLERANCE * self._length):
             status, reason, ruling = Status.MOVING, "", SETTLING
         elif self._few and (across := off()) > self._tolerance:
             status, ruling = Status.BLOCKED, ENDED
@@ -301,20 +310,22 @@ class Shape:
         return float(last + left / abs(rate)) if rate else float(last)
 
     @property
-    def usual(self) -> float:
-        """Up to which place `told_by_core` tells all there is, while the clock is as it is."""
+    def plain_until(self) -> float:
+        """Up to which place `engine_solution` tells all there is, while the clock is as it is."""
         forward = self.motion is not None and self.motion.clock.final > 0.0 <= self.motion.clock.rate
-        return self._usual if forward and not self.back else -inf
+        return self._plain_until if forward and not self.back else -inf
 
-    def told_by_core(self, command: Array, q: Array, before: float, after: float, override: float) -> FollowerSolution:
-        """As `told`, of a tick on the way from a place to another that is below `usual`."""
+    def engine_solution(
+        self, command: Array, q: Array, before: float, after: float, override: float
+    ) -> FollowerSolution:
+        """As `solution`, of a tick on the way from a place to another that is below `plain_until`."""
         plan, status = self.driven, SLOWED
         self._ticks += 1
         ruling = plan.ruling[plan.nearest(before)]
         if ruling == ON_TIME:
             status = MOVING
         elif override < 1.0:
-            ruling = OVERRIDDEN
+            ruling = OVERRIDE
         where, across = partial(self._where, before, after, self._ticks), partial(self.across, q, before)
         return FollowerSolution(command, status, "", where, across, ruling)
 
@@ -329,16 +340,16 @@ class Shape:
         plan, knot = self.driven, self.driven.nearest(at)
         ruling = plan.ruling[knot]
         if why or (ruling != ON_TIME and override < 1.0):
-            ruling = why or OVERRIDDEN
+            ruling = why or OVERRIDE
         elif self.back != (rate < 0.0) and rate != 0.0:
             ruling = TURN
-        if why == ASTRAY and rate == 0.0:
+        if why == OFF_PATH and rate == 0.0:
             return Status.WAITING, ON_THE_WAY_BACK if at > 0.0 else ON_THE_WAY, ruling
         if why == PAUSE and rate == 0.0:
             return Status.PAUSED, "", ruling
         if rate < 0.0 and now <= 0.0 and self.back:
             return Status.PAUSED, "", START
-        off, reachable = float(plan.off[knot]), OFF_PATH * self._length
+        off, reachable = float(plan.off[knot]), PATH_TOLERANCE * self._length
         if off <= reachable:
             return Status.MOVING if ruling == ON_TIME else Status.SLOWED, "", ruling
         if plan.blocked and plan.off[0] > reachable:
@@ -369,8 +380,8 @@ class Shape:
 
     def is_off(self, q: Array, time: float) -> bool:
         """Whether the tool at q (m,) has been pushed off the path."""
-        return self.motion is not None and self.across(q, self.motion.last(time)) > PUSHED * self._length
+        return self.motion is not None and self.across(q, self.motion.last(time)) > PUSHED_TOOL * self._length
 
     def _stands(self, velocity: Array) -> bool:
         """Whether joints at a velocity (m,) count as at rest."""
-        return bool((np.abs(velocity) <= SLOW * usual(self._loop.box.velocity_limit)).all())
+        return bool((np.abs(velocity) <= SLOW_SHARE * speed_scale(self._loop.box.velocity_limit)).all())

@@ -36,47 +36,47 @@ from invariantqp.control.controller import Controller
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.paths.curve import Curve
-from invariantqp.paths.fit import REACHED
+from invariantqp.paths.joint_limits import AT_LIMIT, speed_scale
 from invariantqp.paths.task_error import TaskError, task_error
-from invariantqp.paths.time_law import AT_LIMIT, usual
+from invariantqp.paths.waypoints import POSE_TOLERANCE
 
 # The damping above, and its share for the path where it may be left and for the rest of the twist beside exact rows. So
 # an arm that stretches out goes on smoothly and bends again in time.
-LEAST_DAMPING, LEAVING, STRAYING = 2e-3, 0.05, 0.5
+LEAST_DAMPING, OFF_PATH_DAMPING, EXACT_DAMPING = 2e-3, 0.05, 0.5
 # Where a path may be left, an arm nearer a singularity than this share is not corrected: small errors would take large
 # joint motion.
-SINGULAR = 1e-2
+SINGULAR_RATIO = 1e-2
 # The share of the path over which the distance falls to 1/e on the way back.
-REJOIN = 0.02
+REJOIN_SHARE = 0.02
 # The weight of the rest of a twist beside exact rows.
-REST = 0.05
+SECONDARY_WEIGHT = 0.05
 # The share of the path over which a tool with exact demands turns, or moves, to the least of the error beside them.
-TURNING = 0.1
+SECONDARY_SHARE = 0.1
 # An error of more than this, relative, stays: the slope is probed so large a share of a step ahead, until it changes by
 # no more than this share of itself. Where a path may be left, a regular arm is put on it, if it gets there: from a knot
 # on the path on where it has reached it, on the way back where no more than this is left.
-UNMET, PROBE = 1e-6, 1e-3
+RELATIVE_ERROR, PROBE_SHARE = 1e-6, 1e-3
 # Corrections at a knot.
-CORRECTIONS = 8
+MAX_CORRECTIONS = 8
 # A place that the arm comes no closer to than this, relative, cannot be reached: ten micrometres for a metre. Within as
 # much the tool is at the path's start, or its end.
-OFF_PATH = 1e-5
+PATH_TOLERANCE = 1e-5
 # Steps of a path at least, and the shortest one as a share of it (or of another scale).
-LEAST_STEPS = 200
-SHORTEST = 1e-6
+MIN_STEPS = 200
+MIN_STEP = 1e-6
 # The share of the slope by which it may differ from its extrapolation after a step.
-TURN = 0.005
-# A slope that changes by more than KINK of it at once, this near a singularity, is a turn to another branch:
+SLOPE_TOLERANCE = 0.005
+# A slope that changes by more than KINK_SHARE of it at once, this near a singularity, is a turn to another branch:
 # no arm can take it in motion.
-KINK, BRANCH = 0.2, 1e-4
+KINK_SHARE, BRANCH_RATIO = 0.2, 1e-4
 # Where the path is left, the joint motion itself is followed, and a longer shortest step is enough.
-SHORTEST_LEFT = 1e-4
-# A step after which it differs by less than this share of TURN is followed by a longer one.
-EASY = 0.2
+MIN_STEP_OFF_PATH = 1e-4
+# A step after which it differs by less than this share of SLOPE_TOLERANCE is followed by a longer one.
+LENGTHEN_BELOW = 0.2
 # A joint motion that needs more knots has no end.
-MOST_KNOTS = 5000
+MAX_KNOTS = 5000
 # An arm that is off the path at its end may take this share of the path's length, while it is held there, to come back.
-RETURN = 0.5
+RETURN_SHARE = 0.5
 
 
 class Knot(NamedTuple):
@@ -130,9 +130,9 @@ class JointPath:
         self._stops = stops
         self._returning = not stops
         self._length = controller.measure.length
-        self._reachable = OFF_PATH * self._length
+        self._reachable = PATH_TOLERANCE * self._length
         self._scale: float = curve.end
-        self._longest = self._scale / LEAST_STEPS
+        self._longest = self._scale / MIN_STEPS
         self._exact = bool(controller.exact)
         metric = controller.in_engine.law["metric"]
         self._to_joint: Array = np.eye(len(q)) if metric is None else np.linalg.inv(np.linalg.cholesky(metric)).T
@@ -140,7 +140,7 @@ class JointPath:
         self._mean = mean
         self._step = self._longest
         self._first = q.copy()
-        self._speed = usual(controller.box.velocity_limit)
+        self._speed = speed_scale(controller.box.velocity_limit)
 
     @property
     def done(self) -> bool:
@@ -151,8 +151,8 @@ class JointPath:
     def _end(self) -> float:
         """Where the knots end: with the path, or later where the arm is off it then and comes back to its end."""
         last, end = self.knots[-1], self.curve.end
-        away = self._returning and last.at >= end and last.off > UNMET * self._length
-        return end + RETURN * self._scale if away else end
+        away = self._returning and last.at >= end and last.off > RELATIVE_ERROR * self._length
+        return end + RETURN_SHARE * self._scale if away else end
 
     def extend(self) -> None:
         """Try a step to the next knot: it is taken, or halved where the slope has turned too much."""
@@ -170,27 +170,27 @@ class JointPath:
         at = last.at + h if h < left else end
         knot = self._knot(at, last.q + h * (last.slope + 0.5 * expected), last, self._step)
         if self._stops and (why := self._obstacle(knot)):
-            if h > SHORTEST * self._scale:
+            if h > MIN_STEP * self._scale:
                 self._step = 0.5 * h
             else:
                 self.blocked = why
             return
-        if len(self.knots) == MOST_KNOTS:
+        if len(self.knots) == MAX_KNOTS:
             self.blocked = "the joints would have to turn too often"
             return
         turned = float((np.abs(knot.slope - last.slope - expected) / self._speed).max())
         least = self.controller.dt / self._scale  # all of the path at full speed in a tick: no more is told apart
         share = turned / max(float((np.abs(knot.slope) / self._speed).max()), least)
-        shortest = SHORTEST_LEFT if min(last.off, knot.off) > self._reachable else SHORTEST
-        if share > TURN and h > shortest * self._scale:
+        shortest = MIN_STEP_OFF_PATH if min(last.off, knot.off) > self._reachable else MIN_STEP
+        if share > SLOPE_TOLERANCE and h > shortest * self._scale:
             self._step = 0.5 * h
             return
-        if self._stops and share > KINK and knot.ratio < BRANCH:
+        if self._stops and share > KINK_SHARE and knot.ratio < BRANCH_RATIO:
             self.blocked = f"{self._cause(knot.q)}, and beyond it only after a turn in a singularity"
             return
         self.knots.append(knot)
         self._give_up(end)
-        if share < EASY * TURN:
+        if share < LENGTHEN_BELOW * SLOPE_TOLERANCE:
             self._step = min(2.0 * self._step, self._longest)
 
     def _give_up(self, end: float) -> None:
@@ -229,19 +229,19 @@ class JointPath:
         q, seen, size = self._corrected(
             q,
             self.curve.target(robot, at),
-            REACHED if before is None or before.off <= UNMET * self._length else UNMET,
+            POSE_TOLERANCE if before is None or before.off <= RELATIVE_ERROR * self._length else RELATIVE_ERROR,
         )
         root, part, error = seen.root, seen.part, seen.error
         tangent = self.curve.tangent(at)
         if self._exact or not self._stops:  # back to the path a little at a time
             met = part.dot(error) if self._exact else error
-            share = TURNING if self._stops else REJOIN
-            tangent = tangent + (met / share + (error - met) / TURNING) / self._scale
+            share = SECONDARY_SHARE if self._stops else REJOIN_SHARE
+            tangent = tangent + (met / share + (error - met) / SECONDARY_SHARE) / self._scale
         ahead = self._answer(q, seen, tangent, step, None) if before is None else before.slope
         speed = root.dot(self.curve.tangent(at))
         slope = self._answer(q, seen, tangent, step, self._posture(q, ahead, sqrt(float(speed.dot(speed)))))
         unmet = root.dot(error)
-        if self._stops and not self._exact and sqrt(float(unmet.dot(unmet))) > UNMET * self._length:
+        if self._stops and not self._exact and sqrt(float(unmet.dot(unmet))) > RELATIVE_ERROR * self._length:
             slope = self._bent(at, q, slope, self._answer(q, seen, error, 1.0, None))
         return Knot(at, q, slope, size, _ratio(seen))
 
@@ -252,14 +252,14 @@ class JointPath:
         seen = task_error(self.controller, q, target)
         size = seen.off
         given = q, seen, size
-        if not self._stops and (size > close * self._length or _ratio(seen) < SINGULAR):
+        if not self._stops and (size > close * self._length or _ratio(seen) < SINGULAR_RATIO):
             return given
-        for k in range(CORRECTIONS):
+        for k in range(MAX_CORRECTIONS):
             if size <= arrays.ROUNDING * self._length:
                 return q, seen, size
             few = self._exact and len(seen.rows) < 6
             lower, upper = box.position_lower - q, box.position_upper - q
-            if few and k < CORRECTIONS // 2:
+            if few and k < MAX_CORRECTIONS // 2:
                 # A correction turns the tool the least, and takes a joint off its limit only where nothing else does:
                 # turning towards the path is up to the slope.
                 lower, upper = np.where(at_limit, 0.0, lower), np.where(at_limit, 0.0, upper)
@@ -275,16 +275,16 @@ class JointPath:
         Where part of an error stays, its size times the bend of the tool's motion counts too; `here` (m,) is the
         correction at the place.
         """
-        ahead = PROBE * self._longest
+        ahead = PROBE_SHARE * self._longest
         if at + ahead > self.curve.end:
             ahead = -ahead
         target = self.curve.target(self.controller.robot, at + ahead)
-        for _ in range(CORRECTIONS):
+        for _ in range(MAX_CORRECTIONS):
             there = q + ahead * slope
             seen = task_error(self.controller, there, target)
             change = (self._answer(there, seen, seen.error, 1.0, None) - here) / ahead
             slope = slope + change
-            if float(np.abs(change).max()) <= UNMET * float(np.abs(slope).max()):
+            if float(np.abs(change).max()) <= RELATIVE_ERROR * float(np.abs(slope).max()):
                 break
         return slope
 
@@ -302,18 +302,18 @@ class JointPath:
         if not self._exact:
             if self._stops:
                 return seen.answer(self.controller, q, twist, h, posture)[0]
-            return self._damped(LEAVING, q, seen, twist, h, posture)[0]
-        weighted = seen.root.dot(seen.part + REST * (np.eye(6) - seen.part))
+            return self._damped(OFF_PATH_DAMPING, q, seen, twist, h, posture)[0]
+        weighted = seen.root.dot(seen.part + SECONDARY_WEIGHT * (np.eye(6) - seen.part))
         if self._stops:
-            return self._damped(STRAYING, q, seen, twist, h, posture, root=weighted)[0]
+            return self._damped(EXACT_DAMPING, q, seen, twist, h, posture, root=weighted)[0]
         rows, J = seen.rows, seen.sighting.J
         only = np.vstack((rows, np.zeros((6 - len(rows), 6))))
-        nearest, missed = self._damped(LEAVING, q, seen, twist, h, exact=False, root=only)
+        nearest, missed = self._damped(OFF_PATH_DAMPING, q, seen, twist, h, exact=False, root=only)
         size = float(np.linalg.norm(rows.dot(twist)))
         t = min(missed / size, 1.0) if size > 0.0 else 0.0
         met = twist + seen.part.dot(J.dot(nearest) - twist)
-        x, _ = self._damped(STRAYING, q, seen, met, h, posture, root=weighted)
-        least, _ = self._damped(STRAYING, q, seen, twist, h, posture, exact=False, root=weighted)
+        x, _ = self._damped(EXACT_DAMPING, q, seen, met, h, posture, root=weighted)
+        least, _ = self._damped(EXACT_DAMPING, q, seen, twist, h, posture, exact=False, root=weighted)
         return (1.0 - t) * x + t * least
 
     def _damped(
