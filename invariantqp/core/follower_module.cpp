@@ -359,12 +359,9 @@ void bind_follower(nb::module_& m)
     m.def("acceleration_towards", [](nb::handle limits, nb::handle v, nb::handle wanted) {
         return by_joint(limits, {v, wanted}, [](const Limits& by, int j, Mat x) { return by.acceleration_towards(j, x(0, j), x(1, j)); });
     }, "limits"_a, "velocity"_a, "wanted"_a);
-    m.def("approach_speed", [](nb::handle limits, nb::handle way, double gain) {
-        return by_joint(limits, {way}, [gain](const Limits& by, int j, Mat x) { return by.approach_speed(j, x(0, j), gain); });
-    }, "limits"_a, "way"_a, "gain"_a);
-    m.def("peak_speed", [](nb::handle limits, nb::handle way) {
-        return by_joint(limits, {way}, [](const Limits& by, int j, Mat x) { return by.peak_speed(j, x(0, j)); });
-    }, "limits"_a, "way"_a);
+    m.def("peak_speed", [](nb::handle limits, nb::handle distance) {
+        return by_joint(limits, {distance}, [](const Limits& by, int j, Mat x) { return by.peak_speed(j, x(0, j)); });
+    }, "limits"_a, "distance"_a);
 }
 
 }  // namespace iq

@@ -492,7 +492,7 @@ class Follower:
             drive = self._path.drive
             place = drive.place(joints.time - dt)
             if drive.motion is not None:
-                drive.still(joints.time)
+                drive.stopped(joints.time)
         command = joints.stop()
         return FollowerSolution(command, Status.HELD, reason, (place, 0.0, 0.0), lambda: np.inf, "joint positions")
 
@@ -534,7 +534,7 @@ class Follower:
         command = contact.command if before is None else before
         answer = contact.step(positions, before, state, given)
         at, tracking = state.position, contact.tracking
-        if tracking.begins:
+        if tracking.restarts:
             joints.reference, at = None, tracking.measured
             state.command, state.change = command, np.zeros(self._m)
         if wrong := self.controller.limits.wrong(positions):
@@ -544,7 +544,7 @@ class Follower:
         reference = self._begin(at, clock, restarts=False)
         self._move(reference, at, override)
         contact.sent(state.position)
-        measured = state.sent - tracking.astray
+        measured = state.sent - tracking.joint_error
         solution = self._timed.solution(reference, measured, answer.velocity, self.paused)
         return contact.solution(solution, answer)
 

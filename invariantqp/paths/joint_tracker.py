@@ -231,4 +231,4 @@ def _limiting_row(answer: VelocitySolution) -> str:
     multipliers, name = answer.row_multipliers, "the tool's speed"
     if multipliers is not None and multipliers.any():
         name = row_name(int(np.abs(multipliers).argmax()), tuple(answer.row_names))
-    return f"held by {name}"
+    return f"limited by {name}"

@@ -80,7 +80,7 @@ class PathInput:
         goal_of_tick = "motion" if joints.twist is None else "twist", None, False, 1.0, 0.0, joints.time, None
         fields = joints.tick(tracked, goal_of_tick, measured)
         joints.finish(fields, reference, 0.0)
-        return self.drive.on_the_way(measured, np.asarray(fields[0]))
+        return self.drive.approach_solution(measured, np.asarray(fields[0]))
 
     def begin(self, measured: Array, clock: float | None) -> Array:
         """Drive the path whose start is reached; (m,) measured positions, of continuous joints near that start."""
@@ -96,19 +96,19 @@ class PathInput:
     def resume(self, measured: Array) -> bool:
         """Track the path from rest where it is, if the joints are there."""
         joints = self._joints
-        state, motion = joints.state, self.drive.still(joints.time)
+        state, motion = joints.state, self.drive.stopped(joints.time)
         state.position = there = motion.at(np.array((joints.time,)))[0, 0]
         state.velocity = state.acceleration = np.zeros(len(there))
         state.begin(there)
         if self.is_pushed(measured):
             return False
         joints.reference = Reference(joints.limits, there, joints.time)
-        joints.reference.source = motion
+        joints.reference.motion = motion
         return True
 
     def clock_jumped(self, reference: Reference, by: float) -> None:
         """The clock of `now` differs from the ticks by some time [s]: the path goes on from where it is."""
-        reference.source = self.drive.delayed(by)
+        reference.motion = self.drive.delayed(by)
 
     def is_pushed(self, measured: Array) -> bool:
         """Whether joints at measured positions (m,), or the tool, have been pushed."""
@@ -119,14 +119,14 @@ class PathInput:
     def goes_on(self, reference: Reference, *, restarts: bool) -> bool:
         """Whether a reference is followed on; one that restarts on the path, from rest."""
         if restarts and not self._joints.state.late:
-            reference.source = self.drive.still(self._joints.time)
+            reference.motion = self.drive.stopped(self._joints.time)
             return True
         return not restarts
 
     def restarted(self, reference: Reference) -> None:
         """The reference begins at the arm, off the path: it goes back to where it left it."""
         joints = self._joints
-        motion = self.drive.still(joints.time)
+        motion = self.drive.stopped(joints.time)
         joints.state.late = not reference.splice(motion, joints.time, joints.through_ticks, SPLICE)
 
     def update(self, reference: Reference, override: float, is_paused: bool) -> None:
@@ -135,11 +135,11 @@ class PathInput:
         joins = joints.state.late or joints.time < reference.splice_end
         self._is_off = joins or joints.error > (0.5 if self._is_off else 1.0) * JOINT_TOLERANCE
         self._override.value = override
-        reference.source = self.drive.order(joints.time, 0.0 if is_paused or self._is_off else override)
+        reference.motion = self.drive.order(joints.time, 0.0 if is_paused or self._is_off else override)
 
     def wait(self, reference: Reference, share: float) -> None:
         """Delay the path by a share of a tick."""
-        reference.source = self.drive.delayed(share * self._joints.limits.dt)
+        reference.motion = self.drive.delayed(share * self._joints.limits.dt)
 
     def goal(self, is_paused: bool) -> tuple[Any, ...]:  # noqa: ARG002 (of all inputs)
         """The goal of a tick, as the engine takes it."""
@@ -155,7 +155,7 @@ class PathInput:
     def repeats_until(self, reference: Reference) -> float:
         """Until when nothing is due [s]; -inf where each tick decides."""
         joints, motion = self._joints, self.drive.motion
-        is_joining = joints.state.late or reference.source is not motion or joints.time <= reference.splice_end
+        is_joining = joints.state.late or reference.motion is not motion or joints.time <= reference.splice_end
         return -np.inf if is_joining or self._is_off or joints.state.unresponsive else self.drive.until
 
     # The report

@@ -14,18 +14,14 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.paths.joint_tracker import JointTracker
 from invariantqp.paths.override import Override
 from invariantqp.paths.reference import (
-    FADE_TIME,
     JOINT_TOLERANCE,
-    KNOT_SPACING,
-    MAX_PIECES,
-    MAX_POINTS,
     MIN_SPLICE_TICKS,
     Motion,
     Reference,
     TimedMotion,
     constant_motion,
-    smoothed_motion,
 )
+from invariantqp.paths.smoothing import FADE_TIME, KNOT_SPACING, MAX_PIECES, MAX_POINTS, smoothed_motion
 from invariantqp.paths.stamps import ANOTHER_CLOCK, MAX_STAMP_GAP
 from invariantqp.paths.task_error import task_error
 from invariantqp.paths.waypoints import STALL_TIME, WaypointIK, Waypoints, sampled
@@ -187,7 +183,7 @@ class PointInput:
         """The motion through points with stamps (n,), from `now` on."""
         points, _, _, is_other_motion, wait = taken
         if now - stamps[-1] > ANOTHER_CLOCK and wait is None:
-            return motion, "the points were over when they came"
+            return motion, "the points were over when they arrived"
         begin, last = float(stamps[0]), float(stamps[-1])
         if begin - now > MAX_STAMP_GAP:
             return motion, f"the points begin in {begin - now:.3g} s: stamps and now= are seconds of one clock"

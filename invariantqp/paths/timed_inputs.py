@@ -26,7 +26,7 @@ from invariantqp.velocity.solution import Status
 
 # Why joints catch up, or are off what they follow.
 JOINT_LIMITS, OVERRIDE = "the joints' limits", "the override"
-OFF_COMMAND = "joints are not where they were sent: they do not follow, or later than told (delay=)"
+OFF_COMMAND = "joint tracking error: joints do not follow, or with more delay than delay="
 # Why an arm stands that is not done.
 NOT_DUE = "the next points are not due yet"
 
@@ -57,7 +57,7 @@ class TimedInputs:
         self._tolerance, self._contact = tolerance, contact
         self.override = Override(joints, approach)
         self.points = PointInput(joints, ik, self.override, cutoff=cutoff, tolerance=tolerance)
-        self.samples = SampleStream(joints.controller, ik, cutoff=cutoff, timeout=timeout, drops=drop_outliers)
+        self.samples = SampleStream(joints.controller, ik, cutoff=cutoff, timeout=timeout, drop_outliers=drop_outliers)
         self.motion: TimedMotion | None = None  # of points or samples
         self.reason = "nothing to follow yet"
         self._arrivals = Arrivals(timeout, timeout)  # of twists
@@ -111,7 +111,7 @@ class TimedInputs:
         """The clock of `now` differs from the ticks: the same motion is joined at its new time."""
         joints = self._joints
         if joints.twist is None:
-            joints.state.late = not reference.splice(reference.source, joints.time, joints.through_ticks, SPLICE)
+            joints.state.late = not reference.splice(reference.motion, joints.time, joints.through_ticks, SPLICE)
 
     def is_pushed(self, measured: Array) -> bool:
         """Whether joints at measured positions (m,) have been pushed."""
@@ -156,9 +156,9 @@ class TimedInputs:
             return
         point, _, stamp = samples.newest
         self.points.set_sample(point, stamp, samples.missed)
-        self.motion = samples.source
-        if goes_on and motion is not None and reference.source is motion and samples.source is not None:
-            reference.source = self.override.requested_motion = samples.source
+        self.motion = samples.motion
+        if goes_on and motion is not None and reference.motion is motion and samples.motion is not None:
+            reference.motion = self.override.requested_motion = samples.motion
 
     def _select(self, reference: Reference, value: float) -> None:
         """Track the input that is followed now, at an override, or come to rest."""
@@ -171,19 +171,19 @@ class TimedInputs:
         if motion is None or value == 0.0 or self._approaches_by_law:
             joints.twist, joints.state.late, joints.bounds = STILL, False, joints.limits
             return
-        tracked = reference.source
-        same = joints.twist is None and motion is (tracked.source if isinstance(tracked, RetimedMotion) else tracked)
+        tracked = reference.motion
+        same = joints.twist is None and motion is (tracked.base if isinstance(tracked, RetimedMotion) else tracked)
         if samples.far and same and not joints.state.late and joints.time >= reference.splice_end:
             samples.far, changes = False, True
         if not same or changes or value < 1.0:
-            is_sampled = samples.stream is not None
+            is_sampled = samples.smoother is not None
             joints.bounds = reference.limits = override.bounds(motion, is_stream=is_sampled, is_far=samples.far)
         if same and not changes:
             return
         override.requested_motion, scaling = motion, override.scaling
         slower = motion if scaling is None or isinstance(motion, RetimedMotion) else RetimedMotion(motion, scaling)
         if again and same:  # a splice that begins anew in each tick leads nowhere
-            reference.follow(slower, joints.time)
+            reference.switch(slower, joints.time)
             joints.state.late = True
         else:
             state = joints.motion(reference)
@@ -221,7 +221,7 @@ class TimedInputs:
         target, twist = samples.pose, samples.twist
         speeds = self._approach * limits.velocity
         if twist.any():  # or joints would not reach it
-            needed = self._ik.way(target, self._joints.state.position, twist)
+            needed = self._ik.displacement(target, self._joints.state.position, twist)
             speeds = np.maximum(speeds, CATCH_UP_RATIO * np.abs(needed))
         return twist, target, self.override.value * speeds
 
@@ -245,7 +245,7 @@ class TimedInputs:
 
     def solution(self, reference: Reference, measured: Array, command: Array, is_paused: bool) -> FollowerSolution:
         """The solution of a tick that began at measured positions (m,)."""
-        joints, stream = self._joints, self.samples.stream
+        joints, stream = self._joints, self.samples.smoother
         late = 0.0
         if stream is not None:
             late = stream.late
@@ -269,7 +269,7 @@ class TimedInputs:
             return Status.MOVING, ""
         if samples.far or self.points.approach is not None:
             share = "" if self.points.approach else f", at most {self._approach:.2g} of the speed limits"
-            return Status.LATE, f"on the way to what is followed{share}"
+            return Status.LATE, f"on the way to the input{share}"
         if self.motion is not None:
             end = inf if samples.newest else max(self.override.time_of(self.motion.end), reference.splice_end)
             return self._motion_status(end, place)

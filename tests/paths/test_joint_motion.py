@@ -7,7 +7,8 @@ from support.streams import Arm, driven
 
 import invariantqp as iq
 from invariantqp.paths.joint_limits import JointLimits
-from invariantqp.paths.reference import Motion, Reference, RetimedMotion, TimeScaling, smoothed_motion
+from invariantqp.paths.reference import Motion, Reference, RetimedMotion, TimeScaling
+from invariantqp.paths.smoothing import smoothed_motion
 
 LIMITS = JointLimits(*(np.full(3, x) for x in (-3.0, 3.0, 2.0, 10.0, 400.0)), 0.002)
 

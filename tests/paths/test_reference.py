@@ -4,14 +4,8 @@ import numpy as np
 import pytest
 
 from invariantqp.paths.joint_limits import JointLimits
-from invariantqp.paths.reference import (
-    DELAY_CYCLES,
-    Reference,
-    RetimedMotion,
-    SampleSmoother,
-    TimeScaling,
-    smoothed_motion,
-)
+from invariantqp.paths.reference import Reference, RetimedMotion, TimeScaling
+from invariantqp.paths.smoothing import DELAY_CYCLES, SampleSmoother, smoothed_motion
 
 REST = np.zeros((3, 3))
 CALM = 0.053
@@ -126,8 +120,8 @@ def test_a_quick_clean_hand_is_followed_closely_and_a_slow_noisy_one_calmly(hert
     for i in range(1, 600):
         sample = 0.1 * np.sin(w * i / rate) + noise * rng.normal(size=3)
         for k, scale in enumerate((1.0, 1e3)):
-            streams[k].add(i / rate, scale * sample, 0.0, anew=False)
-            plans[k] = streams[k].smoothed_motion(plans[k], i / rate)
+            streams[k].add(i / rate, scale * sample, 0.0, restarts=False)
+            plans[k] = streams[k].motion(plans[k], i / rate)
         here = [plan.at(i / rate + np.arange(8) / (8.0 * rate))[:, [0, 3]] for plan in plans]
         np.testing.assert_allclose(1e3 * here[0], here[1], rtol=1e-6, atol=1e-3)
         followed.append(here[0])
@@ -147,9 +141,9 @@ def test_samples_of_a_hand_are_followed_smoothly_and_as_late_as_is_told(rate):
         if stream is None:
             stream = SampleSmoother(3.0, 0.0, stamp, sample, late)
         else:
-            stream.add(stamp, sample, late, anew=False)
+            stream.add(stamp, sample, late, restarts=False)
         now = np.array((stamp + late,))
-        before, plan = plan, stream.smoothed_motion(plan, now[0])
+        before, plan = plan, stream.motion(plan, now[0])
         if before is not None:
             assert np.abs(plan.at(now)[0, :3] - before.at(now)[0, :3]).max() < 1e-9
         if i > 40:

@@ -100,7 +100,7 @@ def test_the_way_to_the_first_sample_takes_a_third_of_the_speed_limits(kind, nam
     said = answers[round(0.3 / dt)]
     assert (said.status, said.reason) == (
         "late",
-        f"on the way to what is followed, at most {approach:.2g} of the speed limits",
+        f"on the way to the input, at most {approach:.2g} of the speed limits",
     )
     if approach > 0.2:
         assert answers[-1].status == "moving"
