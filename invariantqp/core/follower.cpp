@@ -20,7 +20,7 @@ class TickOfFollower {
 
     FollowerTick tick()
     {
-        Vec v = wanted();
+        Vec v = desired_velocity();
         bool late = state.late();
         on_path = tracked.keeps_shape && by_motion() && !late;
         for (int j = 0; !on_path && j < m; j++) {
@@ -28,12 +28,12 @@ class TickOfFollower {
             late = late || (by_motion() && dt * std::abs(x - v[j]) > ON_MOTION);
             v[j] = x;
         }
-        const Vec asked = corrected(v), allowed = nearest(asked);
+        const Vec desired = corrected(v), allowed = nearest(desired);
         if (result.is_limited && on_path && !goal.has_waited)
             return result;
         result.command = with_probe(allowed);
         if (!on_path)
-            v = v + result.command - asked;
+            v = v + result.command - desired;
         state.set_late(late || (result.is_limited && by_motion() && !on_path));
         for (int j = 0; j < m; j++) {  // a braking imposed by limits is not extrapolated
             change[j] = result.is_limited ? 0 : (result.command[j] - command[j]) / dt;
@@ -64,7 +64,7 @@ class TickOfFollower {
 
     bool by_motion() const { return goal.kind == TickGoal::Kind::motion; }
 
-    Vec wanted()
+    Vec desired_velocity()
     {
         if (by_motion())
             return towards_motion();
@@ -168,15 +168,15 @@ class TickOfFollower {
     // zero where jerk is limited.
     Vec with_probe(Vec c) const
     {
-        const auto stuck = [&](int j) { return state.joints.unresponsive()[j] > 0; };
+        const auto is_unresponsive = [&](int j) { return state.joints.unresponsive()[j] > 0; };
         double share = 0;
         for (int j = 0; j < m; j++)
-            share = stuck(j) ? std::max(share, std::abs(c[j]) / (PROBING * dt * limits.acceleration[j])) : share;
+            share = is_unresponsive(j) ? std::max(share, std::abs(c[j]) / (PROBING * dt * limits.acceleration[j])) : share;
         if (!(share > 0 && share < 1))
             return c;
         Vec x = c.copy();
         for (int j = 0; j < m; j++) {
-            if (!stuck(j))
+            if (!is_unresponsive(j))
                 continue;
             const double low = (limits.lower[j] - measured[j]) / dt, high = (limits.upper[j] - measured[j]) / dt;
             x[j] = std::min(std::max(c[j] / share, std::min(low, c[j])), std::max(high, c[j]));
@@ -207,25 +207,25 @@ bool Follower::observe(FollowerState& state, Vec q, bool moved_by_others) const
 {
     const LoopSettings& set = loop.settings;
     LoopState& joints = state.joints;
-    std::vector<bool> rested(state.m);
-    bool believed = true;
+    std::vector<bool> was_unresponsive(state.m);
+    bool plausible = true;
     for (int j = 0; j < state.m; j++) {
-        rested[j] = joints.unresponsive()[j] > 0;
+        was_unresponsive[j] = joints.unresponsive()[j] > 0;
         const double seen = joints.positions()[j], way = q[j] - seen;
         if (!std::isnan(seen) && set.turns[j] > 0)
             q[j] = seen + std::remainder(way, set.turns[j]);
-        believed = believed && q[j] <= set.believed_upper[j] && q[j] >= set.believed_lower[j];
+        plausible = plausible && q[j] <= set.believed_upper[j] && q[j] >= set.believed_lower[j];
     }
-    if (moved_by_others || !believed)
+    if (moved_by_others || !plausible)
         std::fill(joints.positions(), joints.positions() + state.m, NAN);
     joints.observe(q, set.dt, set.turns, set.limits.velocity);
     std::copy(q.begin(), q.end(), joints.positions());
     for (int j = 0; j < state.m; j++)
-        if (rested[j] && !(joints.unresponsive()[j] > 0))  // it responds to the same command as before
+        if (was_unresponsive[j] && !(joints.unresponsive()[j] > 0))  // it responds to the same command as before
             state.acceleration()[j] = state.change()[j] = 0;
-    if (!believed)
+    if (!plausible)
         std::fill(joints.positions(), joints.positions() + state.m, NAN);
-    return believed;
+    return plausible;
 }
 
 FollowerTick Follower::tick(FollowerState& state, const TrackedMotion& tracked, const TickGoal& goal, Vec measured,

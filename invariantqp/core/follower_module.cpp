@@ -166,11 +166,11 @@ TickGoal goal_of(nb::handle value, Reader& read)
     return goal;
 }
 // command, place before and after, residual or None, is_limited, allowed_share, and the loop's solution or None.
-nb::tuple tick_fields(const FollowerTick& tick, const LoopFunctions& functions, bool asked)
+nb::tuple tick_fields(const FollowerTick& tick, const LoopFunctions& functions, bool has_functions)
 {
     const bool says = tick.report && (tick.is_limited || tick.report->report.status != Status::ok || !functions.limits.empty());
     return nb::make_tuple(tick.command.w ? array_of(tick.command) : nb::none(), tick.place_before, tick.place_after, matrix_or_none(tick.residual),
-                          tick.is_limited, tick.allowed_share, says ? loop_solution(*tick.report, functions, asked) : nb::none());
+                          tick.is_limited, tick.allowed_share, says ? loop_solution(*tick.report, functions, has_functions) : nb::none());
 }
 // What is said of joints that do not do what they are commanded, as bytes of reasons; None where nothing is.
 nb::object fault(const Follower& follower, FollowerState& state)
@@ -195,23 +195,23 @@ nb::object step(const Follower& follower, FollowerState& kept, const TrackedMoti
     const int m = state.m;
     const Vec measured = read.vector(q, "q", m);
     const TickGoal tick_goal = goal_of(goal, read);
-    const LoopFunctions asked = loop_functions(functions, read, m, w);
-    asked.begin(measured);
-    const bool stuck = state.joints.any_unresponsive();
+    const LoopFunctions called = loop_functions(functions, read, m, w);
+    called.begin(measured);
+    const bool was_unresponsive = state.joints.any_unresponsive();
     state.send();
-    if (!follower.observe(state, measured, false) || stuck || state.joints.any_unresponsive())
+    if (!follower.observe(state, measured, false) || was_unresponsive || state.joints.any_unresponsive())
         return nb::none();
-    double off = 0;
+    double error = 0;
     for (int j = 0; j < m; j++)
-        off = std::max(off, std::abs(state.sent()[j] - measured[j]));
-    if (off > tracked.pushed_beyond)
+        error = std::max(error, std::abs(state.sent()[j] - measured[j]));
+    if (error > tracked.pushed_beyond)
         return nb::none();
-    const FollowerTick found = follower.tick(state, tracked, tick_goal, measured, asked, w);
-    if (!found.command.w)
+    const FollowerTick result = follower.tick(state, tracked, tick_goal, measured, called, w);
+    if (!result.command.w)
         return nb::none();
     const nb::object problem = fault(follower, state);
     kept = state;
-    return nb::make_tuple(tick_fields(found, asked, !functions.is_none()), array_of(measured), off, problem);
+    return nb::make_tuple(tick_fields(result, called, !functions.is_none()), array_of(measured), error, problem);
 }
 nb::object observe(const Follower& follower, FollowerState& state, nb::handle q, bool moved)
 {
@@ -232,14 +232,14 @@ nb::tuple drive(const Follower& follower, FollowerState& kept, const TrackedMoti
     const int m = state.m;
     TickGoal tick_goal = goal_of(goal, read);
     tick_goal.has_waited = has_waited;
-    const LoopFunctions asked = loop_functions(functions, read, m, w);
+    const LoopFunctions called = loop_functions(functions, read, m, w);
     const Vec measured = read.vector(q, "q", m);
     if (!has_waited)
-        asked.begin(measured);
-    const FollowerTick found = follower.tick(state, tracked, tick_goal, measured, asked, w);
-    if (found.command.w)
+        called.begin(measured);
+    const FollowerTick result = follower.tick(state, tracked, tick_goal, measured, called, w);
+    if (result.command.w)
         kept = state;
-    return tick_fields(found, asked, !functions.is_none());
+    return tick_fields(result, called, !functions.is_none());
 }
 using Row = double* (FollowerState::*)();
 template <Row row> nb::object get(FollowerState& s) { return array_of(Vec((s.*row)(), s.m, &workspace())); }

@@ -8,7 +8,7 @@ tick      HybridController.step to the target, with its twist as feedforward; jo
 from __future__ import annotations
 
 from math import inf, sqrt
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,6 +39,8 @@ from invariantqp.paths.waypoints import POSE_TOLERANCE
 from invariantqp.robots.kinematics import joint_displacement
 from invariantqp.velocity.solution import Status
 
+# Wrench, contact and wrench to exert of a tick, as in `HybridController.step`.
+ContactInput: TypeAlias = tuple[Any, Contact | None, ArrayLike | Wrench | None]
 # The tool is in contact from this share of the wanted press on.
 TOUCH_SHARE = 0.5
 # Statuses of a hybrid tick that is not in contact.
@@ -88,7 +90,7 @@ class PathInContact:
         before: Array,
         time: float,
         override: float,
-        given: tuple[Any, Contact | None, ArrayLike | Wrench | None],
+        given: ContactInput,
         *,
         paused: bool,
     ) -> FollowerSolution:
@@ -243,13 +245,7 @@ class StreamInContact:
         self._sent: tuple[Array, ...] = ()  # (m,) positions of the reference, oldest first: its command shows now
         self._contact: Contact | None = None  # of the last tick, with its estimated normal
 
-    def step(
-        self,
-        q: Array,
-        velocity: Array | None,
-        state: Any,
-        given: tuple[Any, Contact | None, ArrayLike | Wrench | None],
-    ) -> HybridSolution:
+    def step(self, q: Array, velocity: Array | None, state: Any, given: ContactInput) -> HybridSolution:
         """A tick of the pressed arm, towards the reference.
 
         Args:

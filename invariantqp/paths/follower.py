@@ -22,7 +22,7 @@ from invariantqp.force.control import HybridController
 from invariantqp.force.sensor import Wrench
 from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
-from invariantqp.paths.contact import PathInContact, StreamInContact
+from invariantqp.paths.contact import ContactInput, PathInContact, StreamInContact
 from invariantqp.paths.joint_tracker import JointTracker, RepeatedTick, limits_of
 from invariantqp.paths.path_drive import PathDrive
 from invariantqp.paths.path_input import PathInput
@@ -503,7 +503,7 @@ class Follower:
         before: Array,
         clock: float | None,
         override: float,
-        given: tuple[Any, Contact | None, ArrayLike | Wrench | None],
+        given: ContactInput,
     ) -> FollowerSolution:
         """A tick along a path in contact."""
         joints, drive = self._joints, self._driven_path("step")
@@ -525,7 +525,7 @@ class Follower:
         velocity: ArrayLike | None,
         clock: float | None,
         override: float,
-        given: tuple[Any, Contact | None, ArrayLike | Wrench | None],
+        given: ContactInput,
     ) -> FollowerSolution:
         """A tick of a stream in contact: the pressed arm follows a reference arm, which goes on along the stream."""
         joints, positions = self._joints, arrays.vector(q, self._m, "q")

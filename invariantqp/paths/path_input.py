@@ -148,10 +148,6 @@ class PathInput:
             splice = 0.0
         return "motion", None, False, 1.0, splice, self._joints.time, None
 
-    def gain(self, is_paused: bool) -> float:  # noqa: ARG002
-        """[1/s] at which joints are led back to where they were sent."""
-        return float(self._joints.controller.gain)
-
     def repeats_until(self, reference: Reference) -> float:
         """Until when nothing is due [s]; -inf where each tick decides."""
         joints, motion = self._joints, self.drive.motion

@@ -165,19 +165,9 @@ def _timed(at: Array, joints: CubicHermiteSpline, speed: Array) -> Motion:
     D = 2.0 * h / (v + w)
     v, b = v[:, None], (0.5 * (w - v) / D)[:, None]  # the place is v u + b u^2
     c3, c2, c1, c0 = joints.c
-    powers = np.stack(
-        (
-            c0,
-            c1 * v,
-            c1 * b + c2 * v**2,
-            2.0 * c2 * v * b + c3 * v**3,
-            c2 * b**2 + 3.0 * c3 * v**2 * b,
-            3.0 * c3 * v * b**2,
-            c3 * b**3,
-        ),
-        axis=1,
-    )
-    return Motion(np.append(0.0, np.cumsum(D)), powers)
+    quartic = c2 * b**2 + 3.0 * c3 * v**2 * b
+    powers = (c0, c1 * v, c1 * b + c2 * v**2, 2.0 * c2 * v * b + c3 * v**3, quartic, 3.0 * c3 * v * b**2, c3 * b**3)
+    return Motion(np.append(0.0, np.cumsum(D)), np.stack(powers, axis=1))
 
 
 def _with_jerk(at: Array, q: Array, slopes: Array, top: Array, limits: JointLimits) -> Motion:

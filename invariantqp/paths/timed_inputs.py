@@ -37,6 +37,7 @@ class TimedInputs:
     Attributes:
         points, samples: the inputs that give a joint motion.
         override: how fast they are followed.
+        has_twist: whether a twist is followed.
         reason: why there is nothing to follow.
     """
 
@@ -63,7 +64,7 @@ class TimedInputs:
         self._arrivals = Arrivals(timeout, timeout)  # of twists
         self._twist: Array = STILL
         self._twist_at: Literal["tool", "base"] = "tool"
-        self._has_twist = False
+        self.has_twist = False
 
     # Inputs
 
@@ -71,34 +72,29 @@ class TimedInputs:
         """Another input takes over from those that are pending."""
         self.points.clear_pending()
         self.samples.clear()
-        if self._has_twist:
+        if self.has_twist:
             self.halt()
 
     def halt(self) -> None:
         """Come to rest from the motion that the arm has now."""
         joints = self._joints
         joints.twist, joints.bounds, joints.state.late = STILL, joints.limits, False
-        self._has_twist, self.motion, self.override.requested_motion = False, None, None
+        self.has_twist, self.motion, self.override.requested_motion = False, None, None
         self.points.clear()
 
     def add_sample(self, point: Waypoints, stamp: float | None) -> None:
         """One more sample of a stream."""
-        if self.points.is_pending or self._has_twist:
+        if self.points.is_pending or self.has_twist:
             self.replace()
         self.samples.add(point, stamp)
 
     def set_twist(self, twist: Array, at: Literal["tool", "base"]) -> float:
         """Move at a twist (6,); until when [s], -inf where it is the first."""
-        goes_on = self._has_twist
+        goes_on = self.has_twist
         self._arrivals.add(self._joints.time)
-        self._twist, self._twist_at, self._has_twist = twist, at, bool(twist.any())
+        self._twist, self._twist_at, self.has_twist = twist, at, bool(twist.any())
         self._joints.twist = twist if self.override.value > 0.0 else STILL
         return self._joints.time + self._arrivals.timeout if goes_on else -inf
-
-    @property
-    def has_twist(self) -> bool:
-        """Whether a twist is followed."""
-        return self._has_twist
 
     def shift_clock(self, by: float) -> None:
         """Count from another time on; the last items came as long ago as by the time before."""
@@ -123,7 +119,7 @@ class TimedInputs:
 
     def restarted(self, reference: Reference) -> None:  # noqa: ARG002
         """The reference begins at the arm: the inputs are joined anew."""
-        if self._has_twist:
+        if self.has_twist:
             return
         self._joints.twist, self.override.requested_motion = STILL, None
         self.samples.far = self.samples.newest is not None
@@ -143,8 +139,8 @@ class TimedInputs:
         if has_samples and silence > samples.arrivals.timeout:
             self.motion, samples.far, reason = None, False, f"no sample for {silence:.2g} s"
         silence = now - self._arrivals.last
-        if self._has_twist and (is_paused or silence > self._arrivals.timeout):
-            self._has_twist, reason = False, "paused" if is_paused else f"no twist for {silence:.2g} s"
+        if self.has_twist and (is_paused or silence > self._arrivals.timeout):
+            self.has_twist, reason = False, "paused" if is_paused else f"no twist for {silence:.2g} s"
         self.reason = reason or self.reason
         self._select(reference, 0.0 if is_paused else override)
 
@@ -165,7 +161,7 @@ class TimedInputs:
         joints, override, motion, samples = self._joints, self.override, self.motion, self.samples
         is_stream = samples.newest is not None
         changes, again = override.set(value, is_stream=is_stream)
-        if self._has_twist:
+        if self.has_twist:
             joints.twist = self._twist if value > 0.0 else STILL
             return
         if motion is None or value == 0.0 or self._approaches_by_law:
@@ -235,7 +231,7 @@ class TimedInputs:
         if samples or self._approaches_by_law or (self.motion is None and joints.twist is None):
             return -inf
         until = self.points.until(reference)
-        if self._has_twist:
+        if self.has_twist:
             return min(until, self._arrivals.last + self._arrivals.timeout)
         if joints.twist is None and samples.newest is not None:
             until = min(until, samples.arrivals.last + samples.arrivals.timeout)
@@ -262,10 +258,10 @@ class TimedInputs:
         """The status of a tick at a stamp, and its reason."""
         joints, samples = self._joints, self.samples
         is_motion = self.motion is not None and not is_paused
-        found = joints.fault_status() or joints.loop_status(is_motion, self._has_twist) or self._interruption(is_paused)
+        found = joints.fault_status() or joints.loop_status(is_motion, self.has_twist) or self._interruption(is_paused)
         if found is not None:
             return found
-        if self._has_twist:
+        if self.has_twist:
             return Status.MOVING, ""
         if samples.far or self.points.approach is not None:
             share = "" if self.points.approach else f", at most {self._approach:.2g} of the speed limits"
@@ -279,7 +275,7 @@ class TimedInputs:
     def _interruption(self, is_paused: bool) -> tuple[Status, Reason] | None:
         """The status of an arm that does not follow an input that it has, None where it does."""
         joints, value = self._joints, self.override.value
-        has_input = self._has_twist or self.motion is not None or self._approaches_by_law
+        has_input = self.has_twist or self.motion is not None or self._approaches_by_law
         if is_paused or (value == 0.0 and has_input):
             status = Status.PAUSED if joints.is_at_rest else Status.MOVING
             return status, "paused" if is_paused else "override is 0"

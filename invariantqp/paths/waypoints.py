@@ -11,6 +11,7 @@ look for another branch.
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from math import inf
 from typing import Any
 
@@ -89,11 +90,9 @@ class Waypoints:
 
     def chosen(self, which: slice) -> Waypoints:
         """Some of the points."""
-        new = Waypoints.__new__(Waypoints)
-        new.poses = None if self.poses is None else self.poses[which]
-        new.joints = None if self.joints is None else self.joints[which]
-        new.targets = None if self.targets is None else self.targets[which]
-        new.missed = None if self.missed is None else self.missed[which]
+        new = copy(self)
+        for name, points in vars(self).items():
+            setattr(new, name, None if points is None else points[which])
         return new
 
     def pose_at(self, time: float, stamps: Array, robot: Robot) -> Array:

@@ -37,7 +37,7 @@ def test_no_limit_is_ever_broken(kind, dt):
         assert (q >= bounds.lower - 1e-9).all()
 
 
-def test_what_is_inside_the_limits_is_done():
+def test_a_motion_inside_the_limits_is_unchanged():
     bounds = limits(np.random.default_rng(0), 12)
     # A slow sine needs a hundredth of each limit.
     size = 0.01 * np.minimum(bounds.upper, bounds.acceleration)
@@ -49,7 +49,7 @@ def test_what_is_inside_the_limits_is_done():
         assert (law.admissible_acceleration(bounds, q[i], v[i - 1], a[i - 1], a[i]) == a[i]).all()
 
 
-def test_a_velocity_is_reached_and_not_passed():
+def test_a_velocity_is_reached_without_overshoot():
     rng = np.random.default_rng(0)
     bounds = limits(rng, 48)._replace(lower=np.full(48, -np.inf), upper=np.full(48, np.inf))
     wanted = bounds.velocity * rng.uniform(-0.9, 0.9, 48)

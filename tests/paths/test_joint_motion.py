@@ -64,7 +64,7 @@ def test_a_splice_is_the_quintic_to_the_source_or_leaves_a_limit(seed):
 
 
 @pytest.mark.parametrize("wrong", [[np.nan] * 6, [0.0] * 5, "joints", None])
-def test_what_is_no_position_is_refused_between_two_ticks_and_changes_nothing(wrong):
+def test_invalid_positions_are_refused_between_two_ticks_and_change_nothing(wrong):
     arm = Arm("ur5")
     follower, stamps = arm.follower(), np.arange(0.0, 1.2, 0.05)
     truth = arm.motion(np.random.default_rng(2))

@@ -34,7 +34,7 @@ def test_derivatives_are_derivatives(seed):
 
 @pytest.mark.parametrize("seed", range(10))
 @pytest.mark.parametrize("over", [False, True])
-def test_a_plan_goes_on_from_its_state_keeps_the_limits_and_ends_at_rest(seed, over):
+def test_a_plan_continues_its_state_keeps_the_limits_and_ends_at_rest(seed, over):
     rng = np.random.default_rng([seed, over])
     state = np.array([0.3 * rng.normal(size=3), rng.uniform(-1.5, 1.5, 3), rng.uniform(-4.0, 4.0, 3)])
     stamps = 1.0 + np.cumsum(rng.uniform(0.03, 0.1, 12)) - (1.5 if over else 0.2)
@@ -48,7 +48,7 @@ def test_a_plan_goes_on_from_its_state_keeps_the_limits_and_ends_at_rest(seed, o
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_no_motion_is_nearer_to_the_points_with_as_little_jerk(seed):
+def test_a_plan_minimises_error_and_jerk(seed):
     """Where nothing is eased: other motions from the same state to rest cost more."""
     rng = np.random.default_rng(seed)
     stamps = np.arange(1, 21) * 0.05
@@ -95,7 +95,7 @@ def test_a_splice_is_continuous_to_the_second_derivative(seed):
         assert all((reference.at(t) == new.at((t,))[0]).all() for t in after)
 
 
-def test_a_plan_takes_no_parabola_off_its_way_delays_nothing_and_smooths_noise():
+def test_a_plan_reproduces_a_parabola_without_delay_and_smooths_noise():
     rng = np.random.default_rng(1)
     stamps = np.cumsum(rng.uniform(0.02, 0.06, 60))
     state = np.array([np.arange(3), 0.3 * np.ones(3), -0.2 * np.ones(3)])
@@ -109,7 +109,7 @@ def test_a_plan_takes_no_parabola_off_its_way_delays_nothing_and_smooths_noise()
 
 
 @pytest.mark.parametrize(("hertz", "noise", "off", "jerk"), [(2.5, 0.0, 0.03, 1.6), (0.5, 1e-3, 0.012, 9.0)])
-def test_a_quick_clean_hand_is_followed_closely_and_a_slow_noisy_one_calmly(hertz, noise, off, jerk):
+def test_smoothing_adapts_to_the_noise_of_a_hand(hertz, noise, off, jerk):
     """Off and jerk (rms) as shares of the hand's; joints in radians and in thousandths."""
     rng, rate, followed = np.random.default_rng(3), 60.0, []
     w, streams, plans = (
@@ -132,7 +132,7 @@ def test_a_quick_clean_hand_is_followed_closely_and_a_slow_noisy_one_calmly(hert
 
 
 @pytest.mark.parametrize("rate", [30.0, 60.0, 90.0])
-def test_samples_of_a_hand_are_followed_smoothly_and_as_late_as_is_told(rate):
+def test_samples_are_followed_smoothly_with_the_reported_delay(rate):
     rng = np.random.default_rng(int(rate))
     stream, plan, late, off = None, None, 0.02, []
     for i in range(200):
