@@ -49,8 +49,8 @@ if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.geometry.se3 import inverse as inverse
     from invariantqp.geometry.se3 import log as log
     from invariantqp.geometry.se3 import transform as transform
-    from invariantqp.paths.driver import Follower as Follower
-    from invariantqp.paths.driver import PathFollower as PathFollower
+    from invariantqp.paths.follower import Follower as Follower
+    from invariantqp.paths.path_follower import PathFollower as PathFollower
     from invariantqp.pose.ik import solve_pose as solve_pose
     from invariantqp.pose.ik import solve_poses as solve_poses
     from invariantqp.robots.load import load_robot as load_robot

@@ -34,7 +34,7 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.screws import angular_speeds
 from invariantqp.geometry.se3 import cross
-from invariantqp.paths.driver import Follower
+from invariantqp.paths.follower import Follower
 from invariantqp.paths.solution import FollowerSolution
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.load import read_arm

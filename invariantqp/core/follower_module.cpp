@@ -1,4 +1,4 @@
-// Joint motions and followers for Python: the classes Motion, Course, Follower and FollowerState of invariantqp._core.
+// Joint motions and followers for Python: the classes Motion, TrackedMotion, Follower and FollowerState of invariantqp._core.
 #include "bound.hpp"
 #include "follower.hpp"
 #include "loop_module.hpp"
@@ -36,7 +36,7 @@ Clock clock_of(nb::handle value)
 }
 nb::tuple clock_fields(const Clock& c) { return nb::make_tuple(c.start, c.first, c.rate, c.slope, c.final, c.duration); }
 
-void make_motion(Motion* made, nb::handle knots, nb::handle coefficients, double eased)
+void make_motion(Motion* made, nb::handle knots, nb::handle coefficients, double late_until)
 {
     Workspace& w = workspace();
     const Workspace::Frame frame(w);
@@ -47,7 +47,7 @@ void make_motion(Motion* made, nb::handle knots, nb::handle coefficients, double
     if (times.n < 2 || shape[1] < 1 || shape[2] < 1)
         refuse("coefficients are empty");
     Motion motion;
-    motion.powers = static_cast<int>(shape[1]), motion.columns = static_cast<int>(shape[2]), motion.eased = eased;
+    motion.powers = static_cast<int>(shape[1]), motion.columns = static_cast<int>(shape[2]), motion.late_until = late_until;
     motion.knots.assign(times.begin(), times.end());
     motion.coefficients.assign(c, c + shape[0] * shape[1] * shape[2]);
     new (made) Motion(std::move(motion));
@@ -109,7 +109,7 @@ nb::object splice_to(std::shared_ptr<Motion> motion, nb::handle clock, nb::handl
         refuse("the motion has fewer joints than the limits");
     return matrix_or_none(splice(*motion, clock_of(clock), by, time, read.matrix(state, "state", 3, by.joints()), duration));
 }
-Motion plan(nb::handle limits, nb::handle state, double now, nb::handle times, nb::handle points, double calm, int pieces)
+Motion plan(nb::handle limits, nb::handle state, double now, nb::handle times, nb::handle points, double smoothing_time, int pieces)
 {
     Workspace& w = workspace();
     const Workspace::Frame frame(w);
@@ -117,9 +117,9 @@ Motion plan(nb::handle limits, nb::handle state, double now, nb::handle times, n
     const MotionLimits by = motion_limits(limits, read);
     const Vec t = read.vector(times, "times", -1);
     const Mat p = read.matrix(points, "points", t.n, by.joints());
-    if (t.n < 1 || !(t[0] > 0) || pieces < 4 || !(calm > 0))
+    if (t.n < 1 || !(t[0] > 0) || pieces < 4 || !(smoothing_time > 0))
         refuse("there is nothing to plan");
-    return planned(by, read.matrix(state, "state", 3, by.joints()), now, t, p, calm, pieces);
+    return smoothed_motion(by, read.matrix(state, "state", 3, by.joints()), now, t, p, smoothing_time, pieces);
 }
 nb::tuple turn(const Motion& motion, nb::handle clock, nb::handle limits, double time, double final)
 {
@@ -129,51 +129,51 @@ nb::tuple turn(const Motion& motion, nb::handle clock, nb::handle limits, double
     const MotionLimits by = motion_limits(limits, read);
     if (motion.columns < by.joints())
         refuse("the motion has fewer columns than the limits");
-    return clock_fields(turned(motion, clock_of(clock), by, time, final, w));
+    return clock_fields(rate_change(motion, clock_of(clock), by, time, final, w));
 }
 
-void make_course(Course* made, nb::handle limits, std::shared_ptr<Motion> motion, nb::handle clock, nb::handle residual, double joins,
-                 double joining, double gain, bool shape, double displaced)
+void make_tracked(TrackedMotion* made, nb::handle limits, std::shared_ptr<Motion> motion, nb::handle clock, nb::handle residual, double splice_start,
+                 double splice_duration, double gain, bool keeps_shape, double pushed_beyond)
 {
     Workspace& w = workspace();
     const Workspace::Frame frame(w);
     Reader read(w);
-    Course course;
-    course.limits = motion_limits(limits, read);
-    const int m = course.limits.joints();
+    TrackedMotion tracked;
+    tracked.limits = motion_limits(limits, read);
+    const int m = tracked.limits.joints();
     if (motion->columns < m || m > MOST_JOINTS)
         refuse("the motion has other joints than the limits");
-    course.motion = motion, course.clock = clock_of(clock);
+    tracked.motion = motion, tracked.clock = clock_of(clock);
     const Vec left = read.matrix(residual, "residual", 6, m).all();
-    course.residual.assign(left.begin(), left.end());
-    course.joins = joins, course.joining = joining, course.gain = gain, course.shape = shape, course.displaced = displaced;
-    new (made) Course(std::move(course));
+    tracked.residual.assign(left.begin(), left.end());
+    tracked.splice_start = splice_start, tracked.splice_duration = splice_duration, tracked.gain = gain, tracked.keeps_shape = keeps_shape, tracked.pushed_beyond = pushed_beyond;
+    new (made) TrackedMotion(std::move(tracked));
 }
 
-// kind ("course", "twist" or "target"), twist or None, at_base, speed, ease, time, target or None
-Wish wish_of(nb::handle value, Reader& read)
+// kind ("motion", "twist" or "target"), twist or None, at_base, speed, splice_time, time, target or None
+TickGoal goal_of(nb::handle value, Reader& read)
 {
-    const nb::tuple given = parts(value, "wish", 7);
+    const nb::tuple given = parts(value, "goal", 7);
     const std::string kind = nb::cast<std::string>(given[0]);
-    Wish wish;
-    wish.kind = kind == "twist" ? Wish::Kind::twist : kind == "target" ? Wish::Kind::target : Wish::Kind::course;
+    TickGoal goal;
+    goal.kind = kind == "twist" ? TickGoal::Kind::twist : kind == "target" ? TickGoal::Kind::target : TickGoal::Kind::motion;
     if (!given[1].is_none())
-        wish.twist = read.vector(given[1], "twist", 6);
-    wish.at_base = nb::cast<bool>(given[2]), wish.speed = number(given[3], "speed", 0, 1);
-    wish.ease = number(given[4], "ease", 0, 1e30), wish.time = number(given[5], "time", -1e300, 1e300);
-    if (wish.kind == Wish::Kind::target)
-        wish.target = with_rotation(Pose(read.matrix(given[6], "target", 4, 4).p));
-    return wish;
+        goal.twist = read.vector(given[1], "twist", 6);
+    goal.at_base = nb::cast<bool>(given[2]), goal.speed = number(given[3], "speed", 0, 1);
+    goal.splice_time = number(given[4], "splice_time", 0, 1e30), goal.time = number(given[5], "time", -1e300, 1e300);
+    if (goal.kind == TickGoal::Kind::target)
+        goal.target = with_rotation(Pose(read.matrix(given[6], "target", 4, 4).p));
+    return goal;
 }
-// command, place before and after, residual or None, held, share, and what the loop says: None where there is nothing to say.
-nb::tuple told(const FollowerTick& tick, const LoopFunctions& functions, bool asked)
+// command, place before and after, residual or None, is_limited, allowed_share, and the loop's solution or None.
+nb::tuple tick_fields(const FollowerTick& tick, const LoopFunctions& functions, bool has_functions)
 {
-    const bool says = tick.report && (tick.held || tick.report->report.status != Status::ok || !functions.limits.empty());
-    return nb::make_tuple(tick.command.w ? array_of(tick.command) : nb::none(), tick.from, tick.to, matrix_or_none(tick.residual),
-                          tick.held, tick.share, says ? loop_solution(*tick.report, functions, asked) : nb::none());
+    const bool says = tick.report && (tick.is_limited || tick.report->report.status != Status::ok || !functions.limits.empty());
+    return nb::make_tuple(tick.command.w ? array_of(tick.command) : nb::none(), tick.place_before, tick.place_after, matrix_or_none(tick.residual),
+                          tick.is_limited, tick.allowed_share, says ? loop_solution(*tick.report, functions, has_functions) : nb::none());
 }
 // What is said of joints that do not do what they are commanded, as bytes of reasons; None where nothing is.
-nb::object trouble(const Follower& follower, FollowerState& state)
+nb::object fault(const Follower& follower, FollowerState& state)
 {
     const LoopSettings& set = follower.loop.settings;
     const auto found = state.joints.trouble(set.dt, set.gain, std::max(set.gain, set.limits.rate), false);
@@ -184,9 +184,9 @@ nb::object trouble(const Follower& follower, FollowerState& state)
     return nb::bytes(reinterpret_cast<const char*>(reasons.data()), reasons.size() * sizeof(double));
 }
 
-// A whole tick; None, and nothing is changed, where there is something to decide: positions that cannot be true, joints
-// that were pushed or do not respond, a path that has to wait.
-nb::object step(const Follower& follower, FollowerState& kept, const Course& course, nb::handle wish, nb::handle q, nb::handle functions)
+// A whole tick; None, and nothing is changed, where Python decides: implausible positions, joints that were pushed or do
+// not respond, a path that has to wait.
+nb::object step(const Follower& follower, FollowerState& kept, const TrackedMotion& tracked, nb::handle goal, nb::handle q, nb::handle functions)
 {
     Workspace& w = workspace();
     const Workspace::Frame frame(w);
@@ -194,24 +194,24 @@ nb::object step(const Follower& follower, FollowerState& kept, const Course& cou
     FollowerState state = kept;
     const int m = state.m;
     const Vec measured = read.vector(q, "q", m);
-    const Wish wanted = wish_of(wish, read);
-    const LoopFunctions asked = loop_functions(functions, read, m, w);
-    asked.begin(measured);
-    const bool stuck = state.joints.any_unresponsive();
+    const TickGoal tick_goal = goal_of(goal, read);
+    const LoopFunctions called = loop_functions(functions, read, m, w);
+    called.begin(measured);
+    const bool was_unresponsive = state.joints.any_unresponsive();
     state.send();
-    if (!follower.observe(state, measured, false) || stuck || state.joints.any_unresponsive())
+    if (!follower.observe(state, measured, false) || was_unresponsive || state.joints.any_unresponsive())
         return nb::none();
-    double off = 0;
+    double error = 0;
     for (int j = 0; j < m; j++)
-        off = std::max(off, std::abs(state.sent()[j] - measured[j]));
-    if (off > course.displaced)
+        error = std::max(error, std::abs(state.sent()[j] - measured[j]));
+    if (error > tracked.pushed_beyond)
         return nb::none();
-    const FollowerTick found = follower.tick(state, course, wanted, measured, asked, w);
-    if (!found.command.w)
+    const FollowerTick result = follower.tick(state, tracked, tick_goal, measured, called, w);
+    if (!result.command.w)
         return nb::none();
-    const nb::object why = trouble(follower, state);
+    const nb::object problem = fault(follower, state);
     kept = state;
-    return nb::make_tuple(told(found, asked, !functions.is_none()), array_of(measured), off, why);
+    return nb::make_tuple(tick_fields(result, called, !functions.is_none()), array_of(measured), error, problem);
 }
 nb::object observe(const Follower& follower, FollowerState& state, nb::handle q, bool moved)
 {
@@ -221,25 +221,25 @@ nb::object observe(const Follower& follower, FollowerState& state, nb::handle q,
     follower.observe(state, measured, moved);
     return array_of(measured);
 }
-// A tick from joint positions that were observed; without a command where a path has to wait, unless it has `waited`.
-nb::tuple drive(const Follower& follower, FollowerState& kept, const Course& course, nb::handle wish, nb::handle q, nb::handle functions,
-                bool waited)
+// A tick from joint positions that were observed; without a command where a path has to wait, unless it has `has_waited`.
+nb::tuple drive(const Follower& follower, FollowerState& kept, const TrackedMotion& tracked, nb::handle goal, nb::handle q, nb::handle functions,
+                bool has_waited)
 {
     Workspace& w = workspace();
     const Workspace::Frame frame(w);
     Reader read(w);
     FollowerState state = kept;
     const int m = state.m;
-    Wish wanted = wish_of(wish, read);
-    wanted.waited = waited;
-    const LoopFunctions asked = loop_functions(functions, read, m, w);
+    TickGoal tick_goal = goal_of(goal, read);
+    tick_goal.has_waited = has_waited;
+    const LoopFunctions called = loop_functions(functions, read, m, w);
     const Vec measured = read.vector(q, "q", m);
-    if (!waited)
-        asked.begin(measured);
-    const FollowerTick found = follower.tick(state, course, wanted, measured, asked, w);
-    if (found.command.w)
+    if (!has_waited)
+        called.begin(measured);
+    const FollowerTick result = follower.tick(state, tracked, tick_goal, measured, called, w);
+    if (result.command.w)
         kept = state;
-    return told(found, asked, !functions.is_none());
+    return tick_fields(result, called, !functions.is_none());
 }
 using Row = double* (FollowerState::*)();
 template <Row row> nb::object get(FollowerState& s) { return array_of(Vec((s.*row)(), s.m, &workspace())); }
@@ -257,7 +257,7 @@ void bind_state(nb::module_& m)
     const auto bytes = [](const FollowerState& s) {
         return nb::bytes(reinterpret_cast<const char*>(s.numbers.data()), s.numbers.size() * sizeof(double));
     };
-    nb::class_<FollowerState>(m, "FollowerState", "What a follower remembers of the joints between two ticks; a value.")
+    nb::class_<FollowerState>(m, "FollowerState", "The state of a follower's joints between two ticks; a value.")
         .def("__init__", [](FollowerState* made, int joints, double delay, double dt) {
             if (joints < 1 || joints > MOST_JOINTS || !(dt > 0) || !(delay >= 0 && delay <= 1e4 * dt))
                 refuse("joints, delay and dt are those of no loop");
@@ -283,7 +283,7 @@ void bind_state(nb::module_& m)
         .def_prop_rw("change", get<&FollowerState::change>, set<&FollowerState::change>, "(m,) of the command, over the tick.")
         .def_prop_rw("late", &FollowerState::late, &FollowerState::set_late, "Whether joints catch up with what they follow.")
         .def_prop_ro("sent", [](FollowerState& s) { return s.was_sent() ? get<&FollowerState::sent>(s) : nb::none(); },
-                     "(m,) where the joints were sent to be now; None before they were sent anywhere.")
+                     "(m,) where the joints should be now; None before the first command.")
         .def_prop_rw("measured", [](FollowerState& s) { return array_of(Vec(s.joints.positions(), s.m, &workspace())); },
                      [](FollowerState& s, nb::handle value) {
                          Workspace& w = workspace();
@@ -303,12 +303,12 @@ void bind_state(nb::module_& m)
             Workspace& w = workspace();
             const Workspace::Frame frame(w);
             s.begin(Reader(w).vector(at, "joints", s.m));
-        }, "at"_a, "The joints are at positions (m,), and were sent nowhere else.")
+        }, "at"_a, "The joints are at positions (m,); earlier commands no longer count.")
         .def("commanded", [](FollowerState& s, nb::handle command) {
             Workspace& w = workspace();
             const Workspace::Frame frame(w);
             s.joints.remember(Vec(s.joints.positions(), s.m, &w).copy(), Reader(w).vector(command, "command", s.m), 0);
-        }, "command"_a, "A tick that this state did not make gave a command (m,).");
+        }, "command"_a, "Another loop gave the command (m,) of this tick.");
 }
 
 }  // namespace
@@ -317,54 +317,51 @@ void bind_follower(nb::module_& m)
 {
     using Limits = MotionLimits;
     nb::class_<Motion>(m, "Motion", "Joints as polynomials of time, piece by piece; at rest before the first and after the last.")
-        .def("__init__", make_motion, "knots"_a, "coefficients"_a, "eased"_a = -INFINITY)
+        .def("__init__", make_motion, "knots"_a, "coefficients"_a, "late_until"_a = -INFINITY)
         .def("at", motion_at, "times"_a, "clock"_a = nb::none(), "(k, 4, m) position, velocity, acceleration, jerk at times (k,).")
         .def("__deepcopy__", [](nb::object self, nb::object) { return self; }, "memo"_a)
         .def("__reduce__", [](nb::handle self) {
-            return nb::make_tuple(self.type(), nb::make_tuple(self.attr("knots"), self.attr("coefficients"), self.attr("eased")));
+            return nb::make_tuple(self.type(), nb::make_tuple(self.attr("knots"), self.attr("coefficients"), self.attr("late_until")));
         })
         .def_prop_ro("knots", knots_of)
         .def_prop_ro("coefficients", coefficients_of)
-        .def_ro("eased", &Motion::eased)
+        .def_ro("late_until", &Motion::late_until)
         .def_prop_ro("start", [](const Motion& s) { return s.knots.front(); })
         .def_prop_ro("end", [](const Motion& s) { return s.knots.back(); });
-    nb::class_<Course>(m, "Course", "What is followed.")
-        .def("__init__", make_course, "limits"_a, "motion"_a, "clock"_a.none(), "residual"_a, "joins"_a, "joining"_a, "gain"_a, "shape"_a,
-             "displaced"_a)
+    nb::class_<TrackedMotion>(m, "TrackedMotion", "A joint motion, the splice to it, and how it is tracked.")
+        .def("__init__", make_tracked, "limits"_a, "motion"_a, "clock"_a.none(), "residual"_a, "splice_start"_a, "splice_duration"_a, "gain"_a, "keeps_shape"_a,
+             "pushed_beyond"_a)
         .def("__deepcopy__", [](nb::object self, nb::object) { return self; }, "memo"_a)
-        .def("at", [](const Course& course, double time) {
+        .def("at", [](const TrackedMotion& tracked, double time) {
             Workspace& w = workspace();
             const Workspace::Frame frame(w);
-            const Mat r(w, 4, course.motion->columns);
-            course.at(time, r);
+            const Mat r(w, 4, tracked.motion->columns);
+            tracked.at(time, r);
             return matrix_or_none(r);
         }, "time"_a, "(4, m) position, velocity, acceleration and jerk.");
     bind_state(m);
     nb::class_<Follower>(m, "Follower", "The ticks of a follower; its loop never changes.")
-        .def(nb::init<const Loop&, double, bool>(), "loop"_a, "rise"_a, "beside"_a, nb::keep_alive<1, 2>())
+        .def(nb::init<const Loop&, double, bool>(), "loop"_a, "rise"_a, "has_other_limits"_a, nb::keep_alive<1, 2>())
         .def("observe", observe, "state"_a, "q"_a, "moved"_a)
-        .def("step", step, "state"_a, "course"_a, "wish"_a, "q"_a, "functions"_a.none())
-        .def("drive", drive, "state"_a, "course"_a, "wish"_a, "q"_a, "functions"_a.none(), "waited"_a)
-        .def("trouble", trouble, "state"_a);
+        .def("step", step, "state"_a, "tracked"_a, "goal"_a, "q"_a, "functions"_a.none())
+        .def("drive", drive, "state"_a, "tracked"_a, "goal"_a, "q"_a, "functions"_a.none(), "has_waited"_a)
+        .def("fault", fault, "state"_a);
     m.def("splice", splice_to, "motion"_a, "clock"_a.none(), "limits"_a, "time"_a, "state"_a, "duration"_a);
-    m.def("planned", plan, "limits"_a, "state"_a, "now"_a, "times"_a, "points"_a, "calm"_a, "pieces"_a);
-    m.def("turned", turn, "motion"_a, "clock"_a.none(), "limits"_a, "time"_a, "final"_a);
+    m.def("smoothed_motion", plan, "limits"_a, "state"_a, "now"_a, "times"_a, "points"_a, "smoothing_time"_a, "pieces"_a);
+    m.def("rate_change", turn, "motion"_a, "clock"_a.none(), "limits"_a, "time"_a, "final"_a);
     m.def("clock_at", [](nb::handle clock, double time) {
         const auto now = clock_of(clock).at(time);
         return nb::make_tuple(now[0], now[1], now[2]);
     }, "clock"_a.none(), "time"_a);
-    m.def("within_limits", [](nb::handle limits, nb::handle q, nb::handle v, nb::handle a, nb::handle wanted) {
-        return by_joint(limits, {q, v, a, wanted}, [](const Limits& by, int j, Mat x) { return by.within(j, x(0, j), x(1, j), x(2, j), x(3, j)); });
+    m.def("admissible_acceleration", [](nb::handle limits, nb::handle q, nb::handle v, nb::handle a, nb::handle wanted) {
+        return by_joint(limits, {q, v, a, wanted}, [](const Limits& by, int j, Mat x) { return by.admissible_acceleration(j, x(0, j), x(1, j), x(2, j), x(3, j)); });
     }, "limits"_a, "q"_a, "velocity"_a, "acceleration"_a, "wanted"_a);
-    m.def("towards_velocity", [](nb::handle limits, nb::handle v, nb::handle wanted) {
-        return by_joint(limits, {v, wanted}, [](const Limits& by, int j, Mat x) { return by.towards(j, x(0, j), x(1, j)); });
+    m.def("acceleration_towards", [](nb::handle limits, nb::handle v, nb::handle wanted) {
+        return by_joint(limits, {v, wanted}, [](const Limits& by, int j, Mat x) { return by.acceleration_towards(j, x(0, j), x(1, j)); });
     }, "limits"_a, "velocity"_a, "wanted"_a);
-    m.def("approach_speed", [](nb::handle limits, nb::handle way, double gain) {
-        return by_joint(limits, {way}, [gain](const Limits& by, int j, Mat x) { return by.approach_speed(j, x(0, j), gain); });
-    }, "limits"_a, "way"_a, "gain"_a);
-    m.def("peak_speed", [](nb::handle limits, nb::handle way) {
-        return by_joint(limits, {way}, [](const Limits& by, int j, Mat x) { return by.peak(j, x(0, j)); });
-    }, "limits"_a, "way"_a);
+    m.def("peak_speed", [](nb::handle limits, nb::handle distance) {
+        return by_joint(limits, {distance}, [](const Limits& by, int j, Mat x) { return by.peak_speed(j, x(0, j)); });
+    }, "limits"_a, "distance"_a);
 }
 
 }  // namespace iq

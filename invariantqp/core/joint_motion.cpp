@@ -6,25 +6,25 @@ namespace {
 // Joints catch up at these shares of acceleration and velocity: what they follow needs some, too.
 constexpr double CATCH_UP_SHARE = 0.7, CATCH_UP_SPEED = 0.99;
 constexpr double TRACKING_SHARE = 0.1;  // of an error, in a tick, as of a tracking gain
-constexpr double AT_LIMIT = 1e-6;       // a joint this far out of its range is at its limit [rad, length]
-// An acceleration that differs from the wanted one by less than this share of what jerk changes in a tick is the same.
+constexpr double AT_LIMIT = 1e-6;       // a joint this far beyond its range is at its limit [rad, length]
+// Accelerations are equal that differ by less than this share of the change by jerk in a tick.
 constexpr double SAME = 1e-6;
-constexpr int HALVINGS = 24;  // of the accelerations in which the largest is looked for that leaves room to stop
-// Splices and plans keep this share of the limits, for what lies between the places that are checked.
+constexpr int HALVINGS = 24;  // of the search for the largest acceleration after which a joint can stop
+// Splices and plans keep this share of the limits; the motion is checked at so many places.
 constexpr double SHARE = 0.97;
 constexpr int PLACES = 21;
-// Points that a joint cannot be at in time weigh less until so much later at each try, and at most so often: off by at
-// most 3 % more than a QP inside the limits was, in five runs.
-constexpr double EASIER = 1.3;
+// The time in which points that a joint cannot reach in time weigh less grows by this factor at each try, at most so
+// often: errors were at most 3 % above those of a QP inside the limits (five runs).
+constexpr double DELAY_GROWTH = 1.3;
 constexpr int TRIES = 12;
-// A clock's change of rate takes from so many ticks to so long [s], is looked for among so many durations, and may wait so
+// A clock's change of rate takes from so many ticks to so long [s], is chosen among so many durations, and may wait so
 // long for joints that brake [s].
 constexpr double SHORTEST_TURN = 4, LONGEST_TURN = 4, TURN_SHARE = 0.999;
 constexpr int TURNS = 64;
 constexpr double WAITS[] = {0, 0.02, 0.05, 0.1, 0.2};
 
-// The way upward in a tick at acceleration a, from a velocity, and in stopping after it.
-double stopping_way(double velocity, double a, double A, double J, double dt)
+// The distance upward in a tick at acceleration a, from a velocity, and in stopping after it.
+double stopping_distance(double velocity, double a, double A, double J, double dt)
 {
     const double v = velocity + dt * a;
     double p = std::sqrt(std::max(J * v + 0.5 * a * a, 0.0)), hold = 0;
@@ -38,30 +38,30 @@ double stopping_way(double velocity, double a, double A, double J, double dt)
         const double s = (-a - std::sqrt(std::max(a * a - 2 * J * v, 0.0))) / J;
         way = v * s + 0.5 * a * s * s + J * s * s * s / 6;
     }
-    // One tick more, in which the discrete motion is ahead of the continuous one.
+    // One tick more: the discrete motion is ahead of the continuous one.
     way = v <= 0 && a <= 0 ? 0 : std::max(way, 0.0) + dt * std::max(v, 0.0);
     return dt * std::max(v, 0.0) + way;
 }
 
-// The largest acceleration from `low` up to the wanted one after which a joint still stops in its room upward.
-double most_upward(const MotionLimits& limits, int j, double room, double velocity, double low, double wanted)
+// The largest acceleration from `low` up to the wanted one after which a joint can still stop below its upper limit.
+double largest_acceleration(const MotionLimits& limits, int j, double room, double velocity, double low, double wanted)
 {
     const double A = limits.acceleration[j], J = limits.jerk[j], dt = limits.dt, left = limits.velocity[j] - velocity;
     // v + dt a + a^2 / 2 J <= V; where braking has to begin at once, a falls as fast as it may.
     const double fastest = left > 0 ? std::sqrt(J * J * dt * dt + 2 * J * left) - J * dt : left / dt;
     const double a = std::max(std::min(wanted, fastest), low);
-    if (stopping_way(velocity, a, A, J, dt) <= room)
+    if (stopping_distance(velocity, a, A, J, dt) <= room)
         return a;
     double high = a;
     for (int i = 0; i < HALVINGS; i++) {
         const double middle = 0.5 * (low + high);
-        (stopping_way(velocity, middle, A, J, dt) <= room ? low : high) = middle;
+        (stopping_distance(velocity, middle, A, J, dt) <= room ? low : high) = middle;
     }
     return low;
 }
 
 // The shares that the four coefficients of a piece of a cubic B-spline have, u of it over.
-std::array<double, 4> spline_shares(double u)
+std::array<double, 4> spline_weights(double u)
 {
     const double left = 1 - u;
     return {left * left * left / 6, (4 + u * u * (3 * u - 6)) / 6, (1 + u * (3 + u * (3 - 3 * u))) / 6, u * u * u / 6};
@@ -69,11 +69,11 @@ std::array<double, 4> spline_shares(double u)
 
 // A plan of one joint: a cubic B-spline of n even pieces with n + 3 coefficients c, the last three the same.
 //
-//     argmin sum w_i |r(t_i) - p_i|^2 + calm^6 integral |r'''|^2,     w_i: the time between points
+//     argmin sum w_i |r(t_i) - p_i|^2 + smoothing_time^6 integral |r'''|^2,     w_i: the time between points
 class JointPlan {
   public:
-    JointPlan(const MotionLimits& limits, int joint, Vec times, Mat points, double calm, int n, Workspace& w)
-        : c(w, n + 3), limits(limits), joint(joint), times(times), points(points), calm(calm), h(times[times.n - 1] / n), n(n),
+    JointPlan(const MotionLimits& limits, int joint, Vec times, Mat points, double smoothing_time, int n, Workspace& w)
+        : c(w, n + 3), limits(limits), joint(joint), times(times), points(points), smoothing_time(smoothing_time), h(times[times.n - 1] / n), n(n),
           bands(w, n + 1, 4), right(w, n + 1)
     {
     }
@@ -84,15 +84,15 @@ class JointPlan {
     {
         v *= h, a *= h * h;
         c[0] = x - v + a / 3, c[1] = x - a / 6, c[2] = x + v + a / 3;
-        double eased = 0;
+        double late_until = 0;
         for (int i = 0; i < TRIES; i++) {
-            fit(eased);
-            const double share = needed();
+            fit(late_until);
+            const double share = utilisation();
             if (share <= SHARE)
                 break;
-            eased = std::max(eased, 2 * calm) * std::max(share, EASIER);
+            late_until = std::max(late_until, 2 * smoothing_time) * std::max(share, DELAY_GROWTH);
         }
-        return eased;
+        return late_until;
     }
 
   private:
@@ -100,7 +100,7 @@ class JointPlan {
     const int joint;
     const Vec times;
     const Mat points;
-    const double calm, h;
+    const double smoothing_time, h;
     const int n;
     Mat bands;  // upper bands of the normal equations, from the diagonal on
     Vec right;
@@ -118,16 +118,16 @@ class JointPlan {
                     bands(a, b - a) += weight * row[i] * row[k];
         }
     }
-    void fit(double eased)
+    void fit(double late_until)
     {
         bands.all().fill(0), right.fill(0);
         for (int i = 0; i < times.n; i++) {
-            const double late = std::min(times[i] / std::max(eased, times[0]), 1.0), apart = times[i] - (i > 0 ? times[i - 1] : 0);
+            const double late = std::min(times[i] / std::max(late_until, times[0]), 1.0), apart = times[i] - (i > 0 ? times[i - 1] : 0);
             const int piece = static_cast<int>(std::min(times[i] / h, n - 1.0));
-            add(piece, spline_shares(times[i] / h - piece), points(i, joint), apart * late * late);
+            add(piece, spline_weights(times[i] / h - piece), points(i, joint), apart * late * late);
         }
         for (int i = 0; i < n; i++)
-            add(i, {-1, 3, -3, 1}, 0, h * std::pow(calm / h, 6));
+            add(i, {-1, 3, -3, 1}, 0, h * std::pow(smoothing_time / h, 6));
         for (int i = 3; i <= n; i++) {  // L diag L' in the bands, and L right = right
             for (int k = 1; k < 4 && i + k <= n; k++) {
                 const double share = bands(i, k) / bands(i, 0);
@@ -144,21 +144,21 @@ class JointPlan {
         }
         c[n + 1] = c[n + 2] = c[n];
     }
-    double needed() const
+    double utilisation() const
     {
         double share = 0;
         for (int i = 0; i <= n; i++) {
             const double* k = c.p + i;
             const double jerk = i < n ? k[3] - 3 * k[2] + 3 * k[1] - k[0] : 0;
-            share = std::max(share, limits.needed(joint, (k[0] + 4 * k[1] + k[2]) / 6, (k[2] - k[0]) / (2 * h),
+            share = std::max(share, limits.utilisation(joint, (k[0] + 4 * k[1] + k[2]) / 6, (k[2] - k[0]) / (2 * h),
                                                   (k[0] - 2 * k[1] + k[2]) / (h * h), jerk / (h * h * h)));
         }
         return share;
     }
 };
 
-// A clock's change of rate that takes the shortest time inside the limits, or else the one that leaves them least: what
-// the motion was going to do anyway is not to be made worse. And how much of the limits that needs.
+// The duration of a clock's change of rate and its utilisation of the limits: the shortest inside them, or else the one
+// that exceeds them least.
 std::pair<double, double> change_of_rate(const Motion& motion, Clock clock, const MotionLimits& limits, Workspace& w)
 {
     const double shortest = SHORTEST_TURN * limits.dt, ratio = LONGEST_TURN / shortest;
@@ -168,7 +168,7 @@ std::pair<double, double> change_of_rate(const Motion& motion, Clock clock, cons
         clock.duration = durations[i] = shortest * std::pow(ratio, i / (TURNS - 1.0));
         for (int k = 0; k < 2 * PLACES - 1; k++) {
             motion.at(clock.start + clock.duration * k / (2 * PLACES - 2), clock, r);
-            worst[i] = std::max(worst[i], limits.needed(r));
+            worst[i] = std::max(worst[i], limits.utilisation(r));
         }
         if (worst[i] <= TURN_SHARE)
             return {durations[i], worst[i]};
@@ -182,22 +182,22 @@ std::pair<double, double> change_of_rate(const Motion& motion, Clock clock, cons
 
 }  // namespace
 
-double MotionLimits::needed(int j, double x, double v, double a, double da) const
+double MotionLimits::utilisation(int j, double x, double v, double a, double da) const
 {
     const double needs = std::max(std::max(std::abs(v) / velocity[j], std::abs(a) / acceleration[j]), std::abs(da) / jerk[j]);
     const double out = std::max(x - upper[j], lower[j] - x);
     return out > AT_LIMIT ? std::max(needs, 2 + out) : needs;
 }
-double MotionLimits::needed(Mat r) const
+double MotionLimits::utilisation(Mat r) const
 {
     double most = 0;
     for (int j = 0; j < joints(); j++)
-        if (const double needs = needed(j, r(0, j), r(1, j), r(2, j), r(3, j)); !(needs <= most))
+        if (const double needs = utilisation(j, r(0, j), r(1, j), r(2, j), r(3, j)); !(needs <= most))
             most = std::isnan(needs) ? INFINITY : needs;
     return most;
 }
 
-double MotionLimits::towards(int j, double v, double wanted) const
+double MotionLimits::acceleration_towards(int j, double v, double wanted) const
 {
     // In ticks: what an acceleration a that falls by J dt a tick still adds is a^2 / 2 J - a dt / 2.
     const double d = wanted - v, J = jerk[j], h = 0.5 * J * dt, twice = 2 * J * std::abs(d);
@@ -205,42 +205,42 @@ double MotionLimits::towards(int j, double v, double wanted) const
     return std::clamp(d / dt, -most, most);
 }
 
-double MotionLimits::approach_speed(int j, double way, double gain) const
+double MotionLimits::approach_speed(int j, double distance, double gain) const
 {
-    // The way to stop from w is w^2 / 2 A and, at w for 2 A / J, the time in which braking begins and ends.
+    // The distance to stop from w is w^2 / 2 A and w 2 A / J: the time in which braking begins and ends.
     const double A = CATCH_UP_SHARE * acceleration[j], lag = 2 * A * A / jerk[j];
-    return std::min(std::sqrt(lag * lag + 2 * A * std::abs(way)) - lag, gain * std::abs(way));
+    return std::min(std::sqrt(lag * lag + 2 * A * std::abs(distance)) - lag, gain * std::abs(distance));
 }
 
-double MotionLimits::peak(int j, double way) const
+double MotionLimits::peak_speed(int j, double distance) const
 {
-    // The way from rest to v and back: v^2 / 2 A and v A / 2 J, then as in `approach_speed`, at first v / gain.
-    const double A = acceleration[j], d = std::abs(way), slow = dt / TRACKING_SHARE;
+    // The distance from rest to v and back: v^2 / 2 A and v A / 2 J, then as in `approach_speed`, at first v / gain.
+    const double A = acceleration[j], d = std::abs(distance), slow = dt / TRACKING_SHARE;
     const double a = 0.5 * (1 + 1 / CATCH_UP_SHARE) / A, b = (0.5 + 2 * CATCH_UP_SHARE) * A / jerk[j];
     const double jerky = 2 * d / (b + std::sqrt(b * b + 4 * a * d)), tracked = 2 * d / (slow + std::sqrt(slow * slow + 2 * d / A));
     return std::min(std::min(jerky, tracked), velocity[j]);
 }
 
-double MotionLimits::catching_up(int j, double position, double v, double there, double speed) const
+double MotionLimits::catch_up_acceleration(int j, double position, double v, double there, double speed) const
 {
     const double way = there - position, fastest = CATCH_UP_SPEED * velocity[j];
     const double w = std::copysign(approach_speed(j, way, TRACKING_SHARE / dt), way);
-    return towards(j, v, std::clamp(speed + w, -fastest, fastest));
+    return acceleration_towards(j, v, std::clamp(speed + w, -fastest, fastest));
 }
 
-double MotionLimits::within(int j, double q, double v, double a, double wanted) const
+double MotionLimits::admissible_acceleration(int j, double q, double v, double a, double wanted) const
 {
     const double A = acceleration[j], step = jerk[j] * dt;
     const double low = std::min(std::max(-A, a - step), A), high = std::max(std::min(A, a + step), -A);
     const double chosen = std::min(std::max(wanted, low), high);
-    const double up = most_upward(*this, j, std::max(upper[j] - q, 0.0), v, low, chosen);
-    const double down = -most_upward(*this, j, std::max(q - lower[j], 0.0), -v, -high, -chosen);
+    const double up = largest_acceleration(*this, j, std::max(upper[j] - q, 0.0), v, low, chosen);
+    const double down = -largest_acceleration(*this, j, std::max(q - lower[j], 0.0), -v, -high, -chosen);
     return up < chosen ? up : down > chosen ? down : chosen;
 }
 
-double MotionLimits::nearest(int j, double q, double v, double before, double wanted) const
+double MotionLimits::admissible_velocity(int j, double q, double v, double before, double wanted) const
 {
-    const double a = (wanted - v) / dt, allowed = within(j, q, v, before, a);
+    const double a = (wanted - v) / dt, allowed = admissible_acceleration(j, q, v, before, a);
     return std::abs(allowed - a) > SAME * jerk[j] * dt ? v + dt * allowed : wanted;
 }
 
@@ -319,13 +319,13 @@ Mat splice(const Motion& motion, const Clock& clock, const MotionLimits& limits,
         const double u = i * (duration / (PLACES - 1));
         motion.at(time + u, clock, r);
         add_polynomial(residual, u, r);
-        if (!(limits.needed(r) <= SHARE))
+        if (!(limits.utilisation(r) <= SHARE))
             return {};
     }
     return residual;
 }
 
-Motion planned(const MotionLimits& limits, Mat state, double now, Vec times, Mat points, double calm, int n)
+Motion smoothed_motion(const MotionLimits& limits, Mat state, double now, Vec times, Mat points, double smoothing_time, int n)
 {
     Workspace& w = *state.w;
     const int m = state.cols;
@@ -335,11 +335,11 @@ Motion planned(const MotionLimits& limits, Mat state, double now, Vec times, Mat
     found.coefficients.resize(static_cast<std::size_t>(n) * 4 * m);
     for (int i = 0; i <= n; i++)
         found.knots.push_back(now + i * h);
-    double eased = 0;
+    double late_until = 0;
     for (int j = 0; j < m; j++) {
         const Workspace::Frame frame(w);
-        JointPlan plan(limits, j, times, points, calm, n, w);
-        eased = std::max(eased, plan.solve(state(0, j), state(1, j), state(2, j)));
+        JointPlan plan(limits, j, times, points, smoothing_time, n, w);
+        late_until = std::max(late_until, plan.solve(state(0, j), state(1, j), state(2, j)));
         for (int i = 0; i < n; i++) {
             const double* c = plan.c.p + i;
             double* to = &found.coefficients[static_cast<std::size_t>(i) * 4 * m + j];
@@ -347,11 +347,11 @@ Motion planned(const MotionLimits& limits, Mat state, double now, Vec times, Mat
             to[2 * m] = (c[0] - 2 * c[1] + c[2]) / (2 * h * h), to[3 * m] = (c[3] - 3 * c[2] + 3 * c[1] - c[0]) / (6 * h * h * h);
         }
     }
-    found.eased = now + eased;
+    found.late_until = now + late_until;
     return found;
 }
 
-Clock turned(const Motion& motion, const Clock& clock, const MotionLimits& limits, double time, double final, Workspace& w)
+Clock rate_change(const Motion& motion, const Clock& clock, const MotionLimits& limits, double time, double final, Workspace& w)
 {
     const auto [place, rate, slope, bend] = clock.at(time);
     Clock best;

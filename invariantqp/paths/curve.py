@@ -1,10 +1,10 @@
-"""A path of the tool as a curve in SE(3), from a function or through poses: a pose and a tangent at every place.
+"""The tool path as a curve in SE(3), of a function or through poses: a pose and a tangent at every place.
 
     P(at) = exp(u c1 + u^2 c2 + u^3 c3) P_i,   u = (at - at_i) / (at_i+1 - at_i)        between knots i and i + 1
     tangent = dP/d(at) P^-1 as a twist, base frame
 
-The cubics have the pose and the tangent of the path at both of their knots: at a knot the curve is exact, between two
-its error falls with the fourth power of their distance. It is the same curve for every frame of base and tool.
+The cubics have the pose and the tangent of the path at both of their knots: the curve is exact at knots, and its error
+between two falls with the fourth power of their distance. It is the same curve in every frame of base and tool.
 """
 
 from __future__ import annotations
@@ -28,17 +28,16 @@ from invariantqp.robots.kinematics import Robot, middle
 
 PoseAt = Callable[[float], Array]
 SizeAt = Callable[[Array, Array], float]
-WayTo = Callable[[Array, Array], Array]
+DisplacementTo = Callable[[Array, Array], Array]
 
-# A function is followed to this share of the measure's length: a micrometre for an arm that reaches a metre. It is
-# sampled at so many intervals at least, which are halved until that is met, or they are this share of the whole: a
-# corner is then rounded within that share of the path.
-SHAPE, LEAST_INTERVALS = 1e-6, 128
-# Tangents of a function are differences over this share of its range: as far from rounding as from the truth.
-DIFFERENCE = 1e-4
-# What goes at this share of its usual speed nearly stands still: a path, where rounding decides which place is nearest,
-# joints on the way to one and at its end, a tool moved by joints along a singular direction.
-SLOW = 1e-3
+# Tolerance of the curve of a function relative to the measure's length: a micrometre for a metre. It has so many
+# intervals at least, halved until that is met or they are this share of the path, within which a corner is rounded.
+CURVE_TOLERANCE, MIN_INTERVALS = 1e-6, 128
+# Tangents of a function are differences over this share of its range: rounding and truncation errors are about equal.
+DIFFERENCE_SHARE = 1e-4
+# A share of the usual speed that counts as standing still: of a path, of joints at its start and end, of a tool moved
+# along a singular direction.
+SLOW_SHARE = 1e-3
 
 
 class Curve(NamedTuple):
@@ -47,8 +46,8 @@ class Curve(NamedTuple):
     at: Array  # (n + 1,) the parameter at the knots, increasing
     poses: Array  # (n + 1, 4, 4) poses there
     cubics: Array  # (n, 3, 6) c1, c2, c3 of each piece
-    knots: list[float]  # `at` as a list, in which a place is found faster
-    part: Target | None = None  # what counts of the poses, where they leave something free
+    knots: list[float]  # `at` as a list, which bisection searches faster
+    part: Target | None = None  # the part of the poses that counts, None for all
 
     @property
     def end(self) -> float:
@@ -57,22 +56,18 @@ class Curve(NamedTuple):
 
     @property
     def size(self) -> int:
-        """How many directions of a twist count."""
+        """The number of directions of a twist that count."""
         return 6 if self.part is None else self.part.size
 
     def target(self, robot: Robot, at: float) -> Any:
-        """What a robot's tool is to meet at a place: a `Target`, or a pose in the robot's form."""
+        """The target of a robot's tool at a place: a `Target`, or a pose in the form of `robot.target`."""
         T = self.pose(at)
         return robot.target(T) if self.part is None else met_by(self.part, T)
-
-    def piece(self, at: float) -> int:
-        """The number of the piece at a place; the ends belong to the first and the last."""
-        return piece_of(self.knots, at)
 
     def pose(self, at: float) -> Array:
         """(4, 4) the pose at a place; beyond an end, that end's."""
         at = min(max(at, self.knots[0]), self.knots[-1])
-        i = self.piece(at)
+        i = piece_of(self.knots, at)
         u = (at - self.knots[i]) / (self.knots[i + 1] - self.knots[i])
         T: Array = se3.exp(np.array((u, u * u, u * u * u)).dot(self.cubics[i]), check=False).dot(self.poses[i])
         return T
@@ -81,7 +76,7 @@ class Curve(NamedTuple):
         """(6,) the twist per unit of the parameter at a place, base frame; none beyond the ends."""
         if not self.knots[0] <= at <= self.knots[-1]:
             return np.zeros(6)
-        i = self.piece(at)
+        i = piece_of(self.knots, at)
         h = self.knots[i + 1] - self.knots[i]
         u = (at - self.knots[i]) / h
         (there, rate) = np.array(((u, u * u, u * u * u), (1.0 / h, 2.0 * u / h, 3.0 * u * u / h))).dot(self.cubics[i])
@@ -93,19 +88,19 @@ class Curve(NamedTuple):
 
 
 def piece_of(knots: list[float], at: float) -> int:
-    """Which of the pieces between increasing knots a place is on; what is beyond the ends is on the first or last."""
+    """The index of the piece between increasing knots; places beyond the ends are on the first or last."""
     return bisect_right(knots, at, 1, len(knots) - 1) - 1
 
 
 def curve_through(at: Array, poses: Array, tangents: Array, part: Target | None = None) -> Curve:
     """The curve with poses (n + 1, 4, 4) and tangents (n + 1, 6), base frame, at increasing parameters (n + 1,).
 
-    With `part` it leaps at the knots in what is free, which is nowhere looked at, and has the least of it in between.
+    With `part` it may jump at knots in the free directions, and moves least in them in between.
     """
-    way = way_of(part)
+    displacement = displacement_function(part)
     cubics = np.empty((len(at) - 1, 3, 6))
     for i, h in enumerate(np.diff(at).tolist()):
-        d = way(poses[i], poses[i + 1])
+        d = displacement(poses[i], poses[i + 1])
         first, last = h * tangents[i], h * tangents[i + 1]
         # The inverse of the derivative of exp, at the far end of the piece.
         once = se3.bracket(d, last, check=False)
@@ -114,8 +109,8 @@ def curve_through(at: Array, poses: Array, tangents: Array, part: Target | None 
     return Curve(at, poses, cubics, at.tolist(), part)
 
 
-def way_of(part: Target | None) -> WayTo:
-    """The function of two poses (4, 4) that returns the twist (6,) from one to what counts of the other."""
+def displacement_function(part: Target | None) -> DisplacementTo:
+    """The function of two poses (4, 4) that returns the twist (6,) from one to the part of the other that counts."""
     return se3.displacement if part is None else partial(displacement_to, part)
 
 
@@ -123,7 +118,7 @@ def curve_of_samples(at: Array, poses: Array, part: Target | None = None) -> Cur
     """The curve through poses; the tangent at each is that of the parabola through it and its neighbours."""
     n = len(at)
     h = np.diff(at)
-    d = np.array([way_of(part)(a, b) for a, b in pairwise(poses)])
+    d = np.array([displacement_function(part)(a, b) for a, b in pairwise(poses)])
     mean = d / h[:, None]  # each piece's mean twist, which is that of its middle
     tangents = np.empty((n, 6))
     if n == 2:
@@ -135,40 +130,45 @@ def curve_of_samples(at: Array, poses: Array, part: Target | None = None) -> Cur
     return curve_through(at, poses, tangents, part)
 
 
-def straight(at: Array, poses: Array, part: Target | None = None) -> PoseAt:
+def straight_lines(at: Array, poses: Array, part: Target | None = None) -> PoseAt:
     """The function of straight lines from pose to pose, each at one twist, that turns at the poses."""
     knots = at.tolist()
-    ways = [way_of(part)(a, b) for a, b in pairwise(poses)]
+    displacements = [displacement_function(part)(a, b) for a, b in pairwise(poses)]
 
     def pose(t: float) -> Array:
         i = piece_of(knots, t)
-        T: Array = se3.exp((t - knots[i]) / (knots[i + 1] - knots[i]) * ways[i], check=False).dot(poses[i])
+        T: Array = se3.exp((t - knots[i]) / (knots[i + 1] - knots[i]) * displacements[i], check=False).dot(poses[i])
         return T
 
     return pose
 
 
 def curve_of(pose: PoseAt, end: float, size: SizeAt, length: float, part: Target | None = None) -> Curve:
-    """The curve of a function on [0, end], as close to it as SHAPE says.
+    """The curve of a function on [0, end], within CURVE_TOLERANCE.
 
-    `size` is how large a twist (6,) of a tool at a pose (4, 4) is in the measure, whose L is `length`.
+    `size` returns the size of a twist (6,) of a tool at a pose (4, 4) in the measure, whose L is `length`.
     """
-    step, finest, tolerance, way = DIFFERENCE * end, SHAPE * end, SHAPE * length, way_of(part)
+    step, finest, tolerance, displacement = (
+        DIFFERENCE_SHARE * end,
+        CURVE_TOLERANCE * end,
+        CURVE_TOLERANCE * length,
+        displacement_function(part),
+    )
     knots: dict[float, tuple[Array, Array]] = {}
 
     def knot(t: float) -> tuple[Array, Array]:
         if t not in knots:
-            knots[t] = pose(t), _tangent(pose, t, step, end, way)
+            knots[t] = pose(t), _tangent(pose, t, step, end, displacement)
         return knots[t]
 
-    open_pieces = [(end * i / LEAST_INTERVALS, end * (i + 1) / LEAST_INTERVALS) for i in range(LEAST_INTERVALS)]
+    open_pieces = [(end * i / MIN_INTERVALS, end * (i + 1) / MIN_INTERVALS) for i in range(MIN_INTERVALS)]
     while open_pieces:
         a, b = open_pieces.pop()
         (A, s), (B, t) = knot(a), knot(b)
         middle = 0.5 * (a + b)
         truth = knot(middle)[0]
         guess = curve_through(np.array((a, b)), np.array((A, B)), np.array((s, t)), part).pose(middle)
-        off = way(truth, guess)
+        off = displacement(truth, guess)
         if size(off, truth) > tolerance and b - a > finest:
             open_pieces += [(a, middle), (middle, b)]
     at = np.array(sorted(knots))
@@ -177,7 +177,7 @@ def curve_of(pose: PoseAt, end: float, size: SizeAt, length: float, part: Target
 
 
 def by_length(curve: Curve, size: SizeAt) -> tuple[Curve, Array]:
-    """The same curve with its length, by `size` as in `curve_of`, as parameter; and the old parameter at its knots.
+    """The curve parameterized by its length, with `size` as in `curve_of`; and the old parameter at its knots.
 
     Pieces on which the tool stands still are left out.
     """
@@ -191,33 +191,33 @@ def by_length(curve: Curve, size: SizeAt) -> tuple[Curve, Array]:
     kept = np.append(True, lengths > arrays.ROUNDING * total)
     at = np.append(0.0, np.cumsum(lengths))[kept]
     # Where the old parameter stands still the tangent is the direction in which the tool sets out or arrives.
-    slow = speed <= SHAPE * speed.max()
+    slow = speed <= CURVE_TOLERANCE * speed.max()
     nearest = np.where(np.arange(len(speed)) < len(speed) - 1, 1, -1)
     for i in np.flatnonzero(slow & kept).tolist():
         j = min(max(i + int(nearest[i]), 0), len(speed) - 1)
-        tangents[i] = np.sign(nearest[i]) * way_of(curve.part)(curve.poses[i], curve.poses[j])
+        tangents[i] = np.sign(nearest[i]) * displacement_function(curve.part)(curve.poses[i], curve.poses[j])
         speed[i] = size(tangents[i], curve.poses[i])
     tangents = tangents / np.where(speed > 0.0, speed, 1.0)[:, None]
     return curve_through(at, curve.poses[kept], tangents[kept], curve.part), curve.at[kept]
 
 
-def _tangent(pose: PoseAt, t: float, step: float, end: float, way: WayTo) -> Array:
-    """(6,) the derivative of a function of poses, by differences of second order."""
+def _tangent(pose: PoseAt, t: float, step: float, end: float, displacement: DisplacementTo) -> Array:
+    """(6,) the derivative of a function of poses, by second-order differences."""
     if t - step >= 0.0 and t + step <= end:
-        return way(pose(t - step), pose(t + step)) / (2.0 * step)
+        return displacement(pose(t - step), pose(t + step)) / (2.0 * step)
     if t + 2.0 * step > end:
         step = -step
-    near, far = (way(pose(t), pose(t + k * step)) for k in (1, 2))
+    near, far = (displacement(pose(t), pose(t + k * step)) for k in (1, 2))
     tangent: Array = (4.0 * near - far) / (2.0 * step)
     return tangent
 
 
-class GivenPath(NamedTuple):
-    """A path to drive along."""
+class ParametrisedPath(NamedTuple):
+    """A curve, and the parameter of its caller."""
 
-    curve: Curve  # with the parameter that is driven: the caller's, or the length in the measure
+    curve: Curve  # by the caller's parameter, or by length in the measure
     places: list[float]  # (n,) the caller's parameter at the knots of the curve
-    slow: float  # a tangent of this size, in the measure, is that of a path that nearly stands still
+    slow: float  # size of the tangent of a path that nearly stands still, in the measure
 
     def place(self, at: float) -> float:
         """The caller's parameter at a place of the curve."""
@@ -230,14 +230,14 @@ class GivenPath(NamedTuple):
 
 
 def _between(knots: list[float], values: list[float], at: float) -> float:
-    """What is linear between its values at increasing knots; beyond the ends it stays."""
+    """Linear interpolation of values at increasing knots; constant beyond the ends."""
     i = piece_of(knots, at)
     share = (at - knots[i]) / (knots[i + 1] - knots[i])
     share = 0.0 if share < 0.0 else min(share, 1.0)
     return (1.0 - share) * values[i] + share * values[i + 1]
 
 
-def given_path(
+def parametrised_path(
     robot: Robot,
     measure: ToolMeasure,
     path: Any,
@@ -246,7 +246,7 @@ def given_path(
     *,
     timed: bool,
     corners: bool = False,
-) -> GivenPath:
+) -> ParametrisedPath:
     """The path of a caller.
 
     Args:
@@ -256,8 +256,8 @@ def given_path(
             in place of poses, all with the same left free.
         end: of a function's parameter.
         times: (n,) the parameter of poses; None is their number, from 0. A function has its own.
-        timed: whether the caller's parameter is the one that is driven; otherwise it is the length.
-        corners: whether poses are joined by straight lines, and not by a smooth curve.
+        timed: whether the curve keeps the caller's parameter; otherwise it has its length.
+        corners: whether straight lines join the poses, not a smooth curve.
 
     Raises:
         BadInput: not a path, one that stands still, or times or corners of a function.
@@ -287,24 +287,24 @@ def given_path(
                 raise BadInput("times", "times that do not increase", "one for each pose, increasing")
         at = at - at[0]
         if corners:
-            curve = curve_of(straight(at, poses, part), float(at[-1]), size, measure.length, part)
+            curve = curve_of(straight_lines(at, poses, part), float(at[-1]), size, measure.length, part)
         else:
             curve = curve_of_samples(at, poses, part)
     along, places = by_length(curve, size)
     if len(along.knots) < 2 or not along.end > arrays.NEGLIGIBLE * measure.length:
         raise BadInput("path", "a path that stands still", "one along which the tool moves")
     if timed:
-        return GivenPath(curve, curve.knots, SLOW * along.end / curve.end)
-    return GivenPath(along, places.tolist(), SLOW)
+        return ParametrisedPath(curve, curve.knots, SLOW_SHARE * along.end / curve.end)
+    return ParametrisedPath(along, places.tolist(), SLOW_SHARE)
 
 
 def _part_of(first: Any, name: str) -> Target | None:
-    """What counts of a path by its first pose, None for all of it."""
+    """The part of a path that counts, by its first pose; None for all."""
     return None if partial_target(first) is None else checked_target(first, name)
 
 
 def _pose_of(given: Any, part: Target | None, name: str) -> Array:
-    """(4, 4) a pose, checked; any one that meets the target where something is free."""
+    """(4, 4) a pose, checked; of a target that leaves something free, any pose that meets it."""
     if part is None:
         return arrays.pose(given, name)
     target = checked_target(given, name)
@@ -315,10 +315,10 @@ def _pose_of(given: Any, part: Target | None, name: str) -> Array:
 
 
 def _poses(path: Any) -> tuple[Array, Target | None]:
-    """(n, 4, 4) checked poses, and what counts of them.
+    """(n, 4, 4) checked poses, and the part of them that counts.
 
     Raises:
-        BadInput: something else, or fewer than two.
+        BadInput: no poses, or fewer than two.
     """
     several = path.ndim > 0 if isinstance(path, np.ndarray) else isinstance(path, Sequence)
     if not several or isinstance(path, (str, bytes)):

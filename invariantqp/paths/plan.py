@@ -1,14 +1,13 @@
-"""A joint motion along a path, and when: as soon as the joints' limits, and those along the path, let them.
+"""The time parameterization of a joint path: least time inside the limits of the joints and of the path (TOPP).
 
-    top speed       |q' v| <= velocity limits, and whatever else limits the joint velocity q' v at a knot
-    from behind     the largest speed from which every later one can still be reached, at most a joint's acceleration:
-                    x = v^2 is linear between knots, q' v changes at most at the rate a at both ends of each piece:
-                    |q'' x_i + q'_i u| <= a,  |q'' x_i+1 + q'_i+1 u| <= a,  u = (x_i+1 - x_i) / 2h
-    from the front  the same from the end back: it begins at rest
+    maximum velocity    |q' v| <= velocity limits, and every other limit of the joint velocity q' v at a knot
+    backward pass       the largest speed from which every later one can be reached inside acceleration limits:
+                        x = v^2 is linear between knots, and at both ends of each piece
+                        |q'' x_i + q'_i u| <= a,  |q'' x_i+1 + q'_i+1 u| <= a,  u = (x_i+1 - x_i) / 2h
+    forward pass        the same from the end back: it begins at rest
 
-The path's place is one joint more, of slope one: its rate, acceleration and jerk are limits as those of the others.
-A jerk limit: the place is averaged over a window of time, which leaves the tool on its path, and from there on the rate
-is the best of all (`jerk`).
+The path's place is one joint more, of slope one: its rate, acceleration and jerk are limited as those of the others.
+With jerk limits the place is averaged over a window of time, and then optimised (`jerk`).
 
 Reference: Pham & Pham 2018, A new approach to time-optimal path parameterization based on reachability analysis.
 """
@@ -27,32 +26,32 @@ from invariantqp.control.controller import Controller
 from invariantqp.geometry import sizes
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
-from invariantqp.paths.ahead import SHORTEST, Knot
 from invariantqp.paths.curve import Curve
 from invariantqp.paths.jerk import least_time
+from invariantqp.paths.joint_limits import AT_LIMIT, AT_REST, JointLimits
+from invariantqp.paths.joint_path import MIN_STEP, Knot
 from invariantqp.paths.reference import Motion
-from invariantqp.paths.time_law import AT_LIMIT, AT_REST, JointLimits
 from invariantqp.velocity.limits import braking_speed
 
-# Shares of the velocity and acceleration limits that a path is driven at; feedback needs the rest.
+# Shares of the velocity and acceleration limits that a plan uses; feedback needs the rest.
 VELOCITY_SHARE = 0.998
 ACCELERATION_SHARE = 0.98
 ACCELERATION, ON_TIME = "acceleration", "the rate asked for"
-# With a jerk limit: pieces of the motion, but for those in rests. A speed below this share of the largest is a rest, in
-# which the motion waits while all else is averaged.
+# With a jerk limit: pieces of the motion between rests. A speed below this share of the largest is a rest, in which the
+# motion waits for the average.
 PIECES, REST = 600, 1e-2
-# Of the time in which a place is looked for.
-HALVINGS = 24
+# Of the search for the time of a place.
+BISECTIONS = 24
 
 
 class PathPlan(NamedTuple):
-    """A joint motion along a path, from its start to where it ends or is blocked.
+    """A joint motion along a path, to its end or to where it is blocked.
 
     Attributes:
         at: (n,) the path's parameter at the knots.
         joints: (m,) joint positions at a place.
         ruling: (n,) what limits the speed at each knot, in words.
-        off: (n,) how far the tool is off the path at each knot, in the measure.
+        off: (n,) distance of the tool from the path at each knot, in the measure [length].
         blocked: why the path ends at the last knot, in words; "" where it does not.
         motion: of the joints and, last, the place, in time; it begins at 0 and at rest.
         middles: (n - 1,) the parameter half way between knots.
@@ -68,19 +67,19 @@ class PathPlan(NamedTuple):
 
     @property
     def end(self) -> float:
-        """Where it ends."""
+        """The last place."""
         return float(self.at[-1])
 
     def nearest(self, at: float) -> int:
-        """The number of the knot nearest a place."""
+        """The index of the knot nearest a place."""
         return bisect_left(self.middles, at)
 
     def time(self, place: float) -> float:
-        """When it is at a place."""
+        """The time at which the motion is at a place."""
         knots, c = self.motion.knots, self.motion.coefficients[:, :, -1]
         i = int(np.clip(np.searchsorted(c[:, 0], place, side="right") - 1, 0, len(c) - 1))
         low, high = float(knots[i]), float(knots[i + 1])
-        for _ in range(HALVINGS):
+        for _ in range(BISECTIONS):
             middle = 0.5 * (low + high)
             u = middle - knots[i]
             here = c[i, 0] + u * (c[i, 1] + u * (c[i, 2] + u * c[i, 3]))
@@ -108,14 +107,14 @@ def plan_of(
         jerk: (m,) of the joints, inf for no limit.
     """
     if len(knots) == 1:  # blocked from the start on
-        knots = [knots[0], knots[0]._replace(at=knots[0].at + SHORTEST * curve.end)]
+        knots = [knots[0], knots[0]._replace(at=knots[0].at + MIN_STEP * curve.end)]
     m = len(controller.robot.names)
     acceleration = (
         np.full(m, inf) if controller.acceleration_limit is None else ACCELERATION_SHARE * controller.acceleration_limit
     )
     at = np.array([k.at for k in knots])
     q, slopes = np.array([k.q for k in knots]), np.array([k.slope for k in knots])
-    top, ruling = _top(controller, q, slopes, acceleration)
+    top, ruling = _max_velocity(controller, q, slopes, acceleration)
     for i in np.flatnonzero(along[0] <= top).tolist():
         top[i], ruling[i] = along[0], ON_TIME
     # The place is one joint more.
@@ -133,9 +132,11 @@ def plan_of(
         with np.errstate(divide="ignore"):
             limits[-1] = min(along[1], float((acceleration / np.abs(slopes[:, :-1])).min(axis=1).max()))
             limits[:-1] /= ACCELERATION_SHARE
-        # No more than the jerk can make of it on the way to full speed, and on the way at all.
-        way = np.abs(np.diff(q, axis=0)).sum(axis=0)
-        most = np.minimum(np.sqrt(jerks * fastest), np.where(way > 0.0, np.cbrt(0.5 * jerks * jerks * way), inf))
+        # No more than jerk limits allow on the way to full speed, and on the whole path.
+        distance = np.abs(np.diff(q, axis=0)).sum(axis=0)
+        most = np.minimum(
+            np.sqrt(jerks * fastest), np.where(distance > 0.0, np.cbrt(0.5 * jerks * jerks * distance), inf)
+        )
         bounds = JointLimits(-none, none, fastest, np.minimum(limits, most), jerks, controller.dt)
         motion = _with_jerk(at, q, slopes, top, bounds)
     off = np.array([k.off for k in knots])
@@ -149,13 +150,13 @@ def _speeds(at: Array, q: Array, slopes: Array, top: Array, acceleration: Array)
     ends = top.copy()
     if rests:
         ends[[0, -1]] = 0.0
-    squares = drivable(at, q, slopes, ends, acceleration)
-    back = drivable(at[-1] - at[::-1], q[::-1], -slopes[::-1], np.sqrt(squares)[::-1], acceleration)[::-1]
+    squares = reachable_squares(at, q, slopes, ends, acceleration)
+    back = reachable_squares(at[-1] - at[::-1], q[::-1], -slopes[::-1], np.sqrt(squares)[::-1], acceleration)[::-1]
     return np.sqrt(back)
 
 
 def _timed(at: Array, joints: CubicHermiteSpline, speed: Array) -> Motion:
-    """The motion with these speeds at the knots; their squares are linear in between."""
+    """The motion with speeds at the knots whose squares are linear in between."""
     h = np.diff(at)
     v, w = speed[:-1], speed[1:]
     none = v + w == 0.0
@@ -164,25 +165,15 @@ def _timed(at: Array, joints: CubicHermiteSpline, speed: Array) -> Motion:
     D = 2.0 * h / (v + w)
     v, b = v[:, None], (0.5 * (w - v) / D)[:, None]  # the place is v u + b u^2
     c3, c2, c1, c0 = joints.c
-    powers = np.stack(
-        (
-            c0,
-            c1 * v,
-            c1 * b + c2 * v**2,
-            2.0 * c2 * v * b + c3 * v**3,
-            c2 * b**2 + 3.0 * c3 * v**2 * b,
-            3.0 * c3 * v * b**2,
-            c3 * b**3,
-        ),
-        axis=1,
-    )
-    return Motion(np.append(0.0, np.cumsum(D)), powers)
+    quartic = c2 * b**2 + 3.0 * c3 * v**2 * b
+    powers = (c0, c1 * v, c1 * b + c2 * v**2, 2.0 * c2 * v * b + c3 * v**3, quartic, 3.0 * c3 * v * b**2, c3 * b**3)
+    return Motion(np.append(0.0, np.cumsum(D)), np.stack(powers, axis=1))
 
 
 def _with_jerk(at: Array, q: Array, slopes: Array, top: Array, limits: JointLimits) -> Motion:
-    """The motion whose joints keep jerk limits, too.
+    """The motion inside jerk limits, too.
 
-    It begins with the one of largest accelerations, averaged over the time in which the largest of them turns round.
+    The first guess is the motion without them, averaged over the time in which the largest acceleration reverses.
     """
     jerky = np.isfinite(limits.jerk)
     window = float((2.0 * limits.acceleration[jerky] / limits.jerk[jerky]).max())
@@ -203,8 +194,8 @@ def _with_jerk(at: Array, q: Array, slopes: Array, top: Array, limits: JointLimi
     return least_time(times, places, CubicSpline(at, q), limits, ACCELERATION_SHARE, at, top)
 
 
-def _top(controller: Controller, q: Array, slopes: Array, acceleration: Array) -> tuple[Array, list[str]]:
-    """(n,) the largest speed at each knot but for accelerations, and what limits it, in words."""
+def _max_velocity(controller: Controller, q: Array, slopes: Array, acceleration: Array) -> tuple[Array, list[str]]:
+    """(n,) the maximum velocity at each knot without acceleration limits, and what limits it, in words."""
     names = controller.robot.names
     limit = np.broadcast_to(VELOCITY_SHARE * controller.box.velocity_limit, slopes.shape)
     words = [f"velocity of joint {i} ({name})" for i, name in enumerate(names)]
@@ -216,8 +207,8 @@ def _top(controller: Controller, q: Array, slopes: Array, acceleration: Array) -
             top[i], ruling[i] = speed[i], cause[i]
 
     if controller.acceleration_limit is not None:
-        room = np.maximum(np.where(slopes > 0.0, *controller.box.distances(q)), 0.0) + AT_LIMIT
-        speed, which = top_speed(slopes, braking_speed(room, acceleration, controller.dt))
+        margin = np.maximum(np.where(slopes > 0.0, *controller.box.distances(q)), 0.0) + AT_LIMIT
+        speed, which = top_speed(slopes, braking_speed(margin, acceleration, controller.dt))
         slower(speed, [f"position of joint {i} ({names[i]})" for i in which.tolist()])
     if controller.tool_speed is not None:
         point = np.append(np.zeros(3) if controller.tool_speed.point is None else controller.tool_speed.point, 1.0)
@@ -240,11 +231,11 @@ def _top(controller: Controller, q: Array, slopes: Array, acceleration: Array) -
 def _rows_allow(y: Array, lower: Array, upper: Array) -> float:
     """The largest v with lower <= v y <= upper; rows that standing still violates are ignored."""
     above, below = np.where(upper >= 0.0, upper, inf), np.where(lower <= 0.0, -lower, inf)
-    return float(np.minimum(_most(y, above), _most(-y, below)).min(initial=inf))
+    return float(np.minimum(_largest(y, above), _largest(-y, below)).min(initial=inf))
 
 
 def top_speed(slopes: Array, limits: Array | float) -> tuple[Array, NDArray[np.intp]]:
-    """(n,) the largest v with |q'_i v| <= limits_i for (n, m) slopes q', inf at rest; and (n,) the joint that rules.
+    """(n,) the largest v with |q'_i v| <= limits_i for (n, m) slopes q', inf at rest; and (n,) the limiting joint.
 
     Limits are (n, m), or one number, positive or zero.
     """
@@ -254,8 +245,8 @@ def top_speed(slopes: Array, limits: Array | float) -> tuple[Array, NDArray[np.i
     return np.take_along_axis(speed, which[:, None], axis=1)[:, 0], which
 
 
-def drivable(at: Array, positions: Array, slopes: Array, top: Array, acceleration: Array) -> Array:
-    """(n,) the largest v^2 at each knot from which all later ones can be driven.
+def reachable_squares(at: Array, positions: Array, slopes: Array, top: Array, acceleration: Array) -> Array:
+    """(n,) the largest v^2 at each knot from which all later ones can be reached.
 
     Parameters and top speeds (n,), joint positions and slopes q' (n, m), acceleration limits (m,), inf where there is
     none.
@@ -277,22 +268,22 @@ def drivable(at: Array, positions: Array, slopes: Array, top: Array, acceleratio
     beta = np.hstack((q[:-1] * half, last + q[1:] * half))
     gamma = np.tile(a, 2)
     with np.errstate(divide="ignore", invalid="ignore"):
-        room = np.where(beta != 0.0, gamma / np.abs(beta), np.inf)
+        margin = np.where(beta != 0.0, gamma / np.abs(beta), np.inf)
         slope = np.where(beta != 0.0, alpha / beta, 0.0)
-    # |y + slope x| <= room,  0 <= y <= squares of the next knot
-    alone = _most(slope[:, None] - slope[:, :, None], room[:, None] + room[:, :, None]).min(axis=(1, 2))
-    alone = np.minimum(alone, _most(slope, room).min(axis=1))
-    alone = np.minimum(alone, _most(np.where(beta == 0.0, np.abs(alpha), 0.0), gamma).min(axis=1))
+    # |y + slope x| <= margin,  0 <= y <= squares of the next knot
+    alone = _largest(slope[:, None] - slope[:, :, None], margin[:, None] + margin[:, :, None]).min(axis=(1, 2))
+    alone = np.minimum(alone, _largest(slope, margin).min(axis=1))
+    alone = np.minimum(alone, _largest(np.where(beta == 0.0, np.abs(alpha), 0.0), gamma).min(axis=1))
     squares[:-1] = np.minimum(squares[:-1], alone)
-    room, fall = np.where(slope < 0.0, room, np.inf), np.maximum(-slope, 0.0)
+    margin, fall = np.where(slope < 0.0, margin, np.inf), np.maximum(-slope, 0.0)
     with np.errstate(divide="ignore", over="ignore"):
         for i in range(n - 2, -1, -1):
-            squares[i] = min(squares[i], ((room[i] + squares[i + 1]) / fall[i]).min())
+            squares[i] = min(squares[i], ((margin[i] + squares[i + 1]) / fall[i]).min())
     return squares
 
 
-def _most(slope: Array, room: Array) -> Array:
-    """The largest x with slope x <= room, room >= 0; inf where slope is not positive."""
+def _largest(slope: Array, margin: Array) -> Array:
+    """The largest x with slope x <= margin, margin >= 0; inf where slope is not positive."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        x: Array = np.where(slope > 0.0, room / slope, np.inf)
+        x: Array = np.where(slope > 0.0, margin / slope, np.inf)
     return x

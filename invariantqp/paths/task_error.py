@@ -1,9 +1,10 @@
-"""How far an arm is from a target in what is wanted of it: its exact rows, or what its joints can do, or all of it.
+"""The task error: the twist from an arm to a target, and the part of it that counts.
 
-|R s|     the size, in the measure, of the part of a twist s that the arm is to do
+|R s|     the size, in the measure, of the part of a twist s that counts: of exact rows, of the twists that few joints
+          can do, or all of it
 
-The way to a target is a screw, but for what exact demands ask of it: their own error. A screw that also turns a tool
-whose orientation is left free would take a point elsewhere first.
+The error is the screw to the target, but for exact rows their own error: the screw to a target whose orientation is
+free would move its point off the straight line.
 """
 
 from __future__ import annotations
@@ -21,33 +22,33 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.linear import TINY
 from invariantqp.robots.kinematics import Sighting
 
-# Of the engine's tick: fields of its answer, and the failure of a form without a projector.
+# Fields of the engine's tick, and its failure where a form has no projector.
 VELOCITY, MISSED, FAILURE = 0, 3, 7
 NO_PROJECTOR = 2
-# Rows of the twist that are dependent but for this share are one.
+# Relative singular value below which rows of the twist are dependent.
 ROW_RATIO = 1e-10
-# The twist of what stands: a target of which only the error counts, an arm that is to stop.
+# The twist of a target at rest, and of an arm that is to stop.
 STILL = np.zeros(6)
 
 
 class TaskError(NamedTuple):
-    """The arm before a target, and the way there."""
+    """The state of the arm at q, and its error to a target."""
 
     sighting: Sighting  # of the arm
-    root: Array  # (6, 6) of the measure; (k, 6) of what counts where a target leaves something free
-    rows: Array  # (k, 6) R, what is wanted, orthonormal in the measure
-    part: Array  # (6, 6) the projector on what exact rows ask for
+    root: Array  # (6, 6) of the measure; (k, 6) where a target leaves something free
+    rows: Array  # (k, 6) R, orthonormal in the measure
+    part: Array  # (6, 6) the projector on the part of exact rows
     error: Array  # (6,) the twist that leads to the target
-    exact: bool  # whether exact demands ask for the rows
+    exact: bool  # whether the rows are exact
     joint_rows: tuple[Array, Array] | None  # exact rows (k, m) and (k,) that are no part of the twist
 
     @property
     def off(self) -> float:
-        """How far the tool is from the target in what is wanted."""
+        """The distance |R error| of the tool from the target [length]."""
         off = self.rows.dot(self.error)
         return sqrt(float(off.dot(off)))
 
-    def answer(
+    def joint_velocity(
         self,
         controller: Controller,
         q: Array,
@@ -58,17 +59,17 @@ class TaskError(NamedTuple):
         exact: bool = True,
         **more: Any,
     ) -> tuple[Array, float]:
-        """The law's joint velocity (m,) for a twist, and the size of what it misses of that, in the measure.
+        """The law's joint velocity x (m,) for a twist, and the size of its residual in the measure.
 
-        It is such that q + h x is inside the position limits, from q (m,).
+        It keeps q + h x inside the position limits.
 
         Args:
             controller: whose law it is.
             q: (m,) joint positions.
             twist: (6,).
-            h: how long the velocity is held.
-            posture: (m,) joint velocity wanted where the twist leaves joints free; None is zero.
-            exact: whether exact demands on the twist are met.
+            h: how long the velocity is applied.
+            posture: (m,) desired joint velocity in the null space; None is zero.
+            exact: whether exact rows of the twist are met.
             more: other arguments of the engine's tick: damping, root, lower, upper, ...
         """
         J, box = self.sighting.J, controller.box
@@ -86,7 +87,7 @@ class TaskError(NamedTuple):
         return found[VELOCITY], found[MISSED]
 
     def _exact_rows(self, twist: Array, *, met: bool) -> tuple[Array, Array, None] | None:
-        """The exact rows for a twist as the engine takes them; `met` is whether parts of the twist are among them."""
+        """The exact rows for a twist as the engine takes them; `met` is whether those of the twist are among them."""
         found = [] if self.joint_rows is None else [self.joint_rows]
         if met and self.exact:
             found.append((self.rows.dot(self.sighting.J), self.rows.dot(twist)))
@@ -96,10 +97,10 @@ class TaskError(NamedTuple):
 
 
 def task_error(controller: Controller, q: Array, target: Any) -> TaskError:
-    """Before a target, a `Target` or what `robot.target` returned, at joint positions q (m,).
+    """The error at q (m,) to a target: a `Target`, or a pose in the form of `robot.target`.
 
-    With exact demands their part of the twist is wanted; the rest is least squares, and may stray. Fewer joints than
-    that are to do the twists that they can.
+    With exact demands their part of the twist counts, and the rest is least squares. Of an arm with few joints the
+    twists that they can do count.
     """
     robot, part = controller.robot, target if isinstance(target, Target) else None
     if part is not None:
@@ -109,7 +110,7 @@ def task_error(controller: Controller, q: Array, target: Any) -> TaskError:
     if controller.exact:
         demands = rows_of(controller.exact, View(robot, sighting, target, 1.0, STILL))
         D, A, b = demands.of_twist, np.asarray(demands.A), np.asarray(demands.b)
-        if D is None:  # joint rows ask for nothing of the twist
+        if D is None:  # no rows of the twist
             return TaskError(sighting, root, np.zeros((0, 6)), np.zeros((6, 6)), error, False, (A, b))
         own = ~D.any(axis=1)
         inverse = np.linalg.inv(root)
@@ -118,7 +119,7 @@ def task_error(controller: Controller, q: Array, target: Any) -> TaskError:
         rows, back = Vt[:k].dot(root), inverse.dot(Vt[:k].T)
         error = error + back.dot((b - D.dot(error)).dot(U[:, :k] / sigma[:k]))
         return TaskError(sighting, root, rows, back.dot(rows), error, True, (A[own], b[own]) if own.any() else None)
-    asked = root
-    if sighting.J.shape[1] < len(root):  # all of them, however weak: at the edge of its reach an arm still goes on
-        asked = np.linalg.svd(root.dot(sighting.J), full_matrices=False)[0].T.dot(root)
-    return TaskError(sighting, root, asked, np.eye(6), error, False, None)
+    rows = root
+    if sighting.J.shape[1] < len(root):  # even at a singularity an arm goes on
+        rows = np.linalg.svd(root.dot(sighting.J), full_matrices=False)[0].T.dot(root)
+    return TaskError(sighting, root, rows, np.eye(6), error, False, None)

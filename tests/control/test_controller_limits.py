@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from invariantqp._core import Course, FollowerState
+from invariantqp._core import FollowerState, TrackedMotion
 from scipy.optimize import minimize
 from support.loops import drive
 
 import invariantqp as iq
+from invariantqp.paths.joint_limits import JointLimits
 from invariantqp.paths.reference import Motion
-from invariantqp.paths.time_law import JointLimits
 
 DT = 0.005
 
@@ -164,12 +164,12 @@ def nearest(loop, q, before, wanted):
     wide = np.full(6, np.inf)
     limits = JointLimits(-wide, wide, wide, np.full(6, 1e9), np.full(6, 1e15), DT)
     motion = Motion((0.0, 1.0), np.array([[q, wanted]]))
-    course = Course(limits, motion, None, np.zeros((6, 6)), 0.0, 0.0, 0.0, shape=False, displaced=1.0)
+    tracked = TrackedMotion(limits, motion, None, np.zeros((6, 6)), 0.0, 0.0, 0.0, keeps_shape=False, pushed_beyond=1.0)
     state = FollowerState(6, loop.delay, DT)
     state.position, state.velocity, state.command = q, before, before
     state.begin(q)
-    wish = "course", None, False, 1.0, 0.0, 0.0, None
-    return loop.in_engine.follower(0.0).drive(state, course, wish, q, None, waited=False)[0]
+    goal = "motion", None, False, 1.0, 0.0, 0.0, None
+    return loop.in_engine.follower(0.0).drive(state, tracked, goal, q, None, has_waited=False)[0]
 
 
 @pytest.mark.cases(2)

@@ -11,14 +11,14 @@ import invariantqp as iq
 def test_a_circle_too_fast_for_the_joints_stays_one_under_its_force():
     drive = Drive(rate=1.0)
     drive.until("done", "blocked", most=1000)
-    told, path = drive.told, drive.path
-    first = [s.status for s in told].index("slowed")
+    solutions, path = drive.solutions, drive.path
+    first = [s.status for s in solutions].index("slowed")
     settled = first + 66
-    assert {s.status for s in told[:first]} == {"waiting"}
-    assert told[-1].status == "done"
-    assert told[-1].late > PERIOD
+    assert {s.status for s in solutions[:first]} == {"waiting"}
+    assert solutions[-1].status == "done"
+    assert solutions[-1].late > PERIOD
     assert max(drive.off[settled:]) < 5e-5
-    assert max(abs(s.hybrid.intensities[0] / 5.0 - 1.0) for s in told[settled:]) < 0.04
+    assert max(abs(s.hybrid.intensities[0] / 5.0 - 1.0) for s in solutions[settled:]) < 0.04
     assert np.linalg.norm(drive.tip()[:2] - path(PERIOD / 2)[0][:2, 3]) < 1e-4
     drive.check()
 
@@ -36,7 +36,7 @@ def test_the_path_waits_while_contact_is_lost():
     drive.tick(100)
     drive.bench.height -= 1e-2
     drive.tick(200)
-    places, statuses = zip(*((s.place, s.status) for s in drive.told), strict=True)
+    places, statuses = zip(*((s.place, s.status) for s in drive.solutions), strict=True)
     lost = [k for k in range(100, 300) if statuses[k] == "waiting"]
     assert len(lost) > 10
     assert places[lost[-1]] - places[lost[0] + 10] < 1e-3 * PERIOD
@@ -52,12 +52,12 @@ def test_a_pushed_tool_comes_back_under_its_force_and_goes_on():
     bench.q = bench.q + np.linalg.pinv(J) @ [0.0, 0.0, 0.0, 0.0, -0.03, 0.0]
     bench.height = drive.tip()[2] + 5e-4
     drive.until("done", "blocked", most=1400)
-    told = drive.told
-    back = [k for k, s in enumerate(told) if "off the path, pushed" in s.reason]
+    solutions = drive.solutions
+    back = [k for k, s in enumerate(solutions) if "off the path, pushed" in s.reason]
     assert back[0] == 100
-    assert all(told[k].status == "waiting" and told[k].place == told[99].place for k in back)
-    assert max(abs(told[k].hybrid.intensities[0] / 5.0 - 1.0) for k in back[50:]) < 0.05
-    assert told[-1].status == "done"
+    assert all(solutions[k].status == "waiting" and solutions[k].place == solutions[99].place for k in back)
+    assert max(abs(solutions[k].hybrid.intensities[0] / 5.0 - 1.0) for k in back[50:]) < 0.05
+    assert solutions[-1].status == "done"
     assert max(drive.off[back[-1] + 25 :]) < 5e-5
 
 
@@ -73,23 +73,23 @@ def driven(bench, path, ticks, push=0.0):
     """Solutions along a path from the start on, until it ends."""
     follower = iq.PathFollower(bench.loop, path)
     follower.prepare(bench.q)
-    bench.q, told = bench.q + push, []
-    while len(told) < ticks and (not told or told[-1].status not in ("done", "blocked")):
-        told.append(follower.step(bench.q, wrench=bench.wrench()))
-        bench.q = bench.q + bench.dt * told[-1].velocity
-    return told
+    bench.q, solutions = bench.q + push, []
+    while len(solutions) < ticks and (not solutions or solutions[-1].status not in ("done", "blocked")):
+        solutions.append(follower.step(bench.q, wrench=bench.wrench()))
+        bench.q = bench.q + bench.dt * solutions[-1].velocity
+    return solutions
 
 
-def test_a_path_shorter_than_the_tool_is_off_it_ends():
+def test_a_path_shorter_than_the_tool_error_ends():
     bench = slow_bench()
     way = np.array([[1e-5, 0.0, 0.0], [0.0, 1e-5, 0.0]])
 
     def path(u):  # ten micrometres, bent by more than a right angle
         return iq.transform(bench.start[:3, :3], bench.start[:3, 3] + [np.sin(3.0 * u), u] @ way)
 
-    told = driven(bench, path, 1000, [-1e-3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    assert told[-1].status == "done"
-    assert np.abs(np.diff([s.place for s in told])).sum() < 2.0  # not to and fro
+    solutions = driven(bench, path, 1000, [-1e-3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    assert solutions[-1].status == "done"
+    assert np.abs(np.diff([s.place for s in solutions])).sum() < 2.0  # not to and fro
 
 
 @pytest.mark.cases(1)
@@ -98,9 +98,9 @@ def test_in_long_ticks_joints_rest_when_the_tool_is_there(seed):
     bench = slow_bench(share=1.0 / 3.0, dt=0.01)
     corners = np.cumsum(np.vstack((np.zeros(2), np.random.default_rng(seed).normal(0.0, 0.01, (6, 2)))), axis=0)
     way = CubicSpline(np.linspace(0.0, 1.0, 7), corners)
-    told = driven(bench, lambda u: iq.transform(bench.start[:3, :3], bench.start[:3, 3] + [*way(u), 0.0]), 300)
-    assert told[-1].status == "done"
-    assert sum(s.ruling == "settling" for s in told) < 15
+    solutions = driven(bench, lambda u: iq.transform(bench.start[:3, :3], bench.start[:3, 3] + [*way(u), 0.0]), 300)
+    assert solutions[-1].status == "done"
+    assert sum(s.ruling == "settling" for s in solutions) < 15
 
 
 def blocked(seed, dt):
@@ -108,23 +108,27 @@ def blocked(seed, dt):
     rng = np.random.default_rng(seed)
     bench, turn, length = slow_bench(share=1.0 / 3.0, dt=dt), rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.4, 0.9)
     way = length * np.array([np.cos(turn), np.sin(turn), 0.0])
-    told = driven(bench, lambda u: iq.transform(bench.start[:3, :3], bench.start[:3, 3] + u * way), round(6.0 / dt))
-    assert told[-1].status == "blocked"
-    return told
+    solutions = driven(
+        bench, lambda u: iq.transform(bench.start[:3, :3], bench.start[:3, 3] + u * way), round(6.0 / dt)
+    )
+    assert solutions[-1].status == "blocked"
+    return solutions
 
 
-def test_what_blocks_the_path_is_told_once_the_joints_have_braked():
-    told = blocked(3, DT)  # where reach ends: joints went on for 1 s towards where they cannot be
-    assert "it is out of reach" in told[-1].reason
-    assert sum(s.ruling == "settling" for s in told) < 75
-    assert (np.abs(told[-1].velocity) < 1e-3).all()
+def test_a_blocked_path_is_reported_after_the_joints_have_braked():
+    solutions = blocked(3, DT)  # where reach ends: joints went on for 1 s towards where they cannot be
+    assert "it is out of reach" in solutions[-1].reason
+    assert sum(s.ruling == "settling" for s in solutions) < 75
+    assert (np.abs(solutions[-1].velocity) < 1e-3).all()
 
 
 def test_a_pressed_tool_that_comes_no_farther_than_its_joint_is_blocked():
-    told = blocked(39, 0.01)  # deeper than planned, where the joint ends before the path does: "slowed" for ever
-    assert told[-1].reason.startswith("the tool comes no farther than 0.617; joint 1 (panda_joint2) is at its lower")
-    assert sum(abs(s.place - told[-1].place) < 1e-4 for s in told) < 260
-    assert abs(told[-1].hybrid.intensities[0] / 5.0 - 1.0) < 0.02
+    solutions = blocked(39, 0.01)  # deeper than planned, where the joint ends before the path does: "slowed" for ever
+    assert solutions[-1].reason.startswith(
+        "the tool comes no farther than 0.617; joint 1 (panda_joint2) is at its lower"
+    )
+    assert sum(abs(s.place - solutions[-1].place) < 1e-4 for s in solutions) < 260
+    assert abs(solutions[-1].hybrid.intensities[0] / 5.0 - 1.0) < 0.02
 
 
 def test_a_refused_tick_leaves_the_follower_as_it_was():

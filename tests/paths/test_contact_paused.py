@@ -11,15 +11,15 @@ def test_a_pause_stands_under_the_force_and_goes_on():
     drive = Drive()
     drive.tick(250)
     drive.follower.pause()
-    told = drive.until("paused", most=50)
-    assert told.ruling == "a pause"
-    at, place = drive.tip(), told.place
+    solution = drive.until("paused", most=50)
+    assert solution.ruling == "a pause"
+    at, place = drive.tip(), solution.place
     for _ in range(125):  # half a second
-        told = drive.tick()
-        assert told.status == "paused"
-        assert told.speed == 0.0
+        solution = drive.tick()
+        assert solution.status == "paused"
+        assert solution.speed == 0.0
     assert np.linalg.norm((drive.tip() - at)[:2]) < 1e-5
-    assert abs(told.place - place) < 1e-5 * PERIOD
+    assert abs(solution.place - place) < 1e-5 * PERIOD
     drive.follower.resume()
     assert drive.until("done").place == pytest.approx(PERIOD / 2, rel=1e-6)
     drive.check()
@@ -31,10 +31,10 @@ def test_back_to_the_start_and_forward_to_the_end():
     start = drive.bench.start[:2, 3]
     drive.tick(100)
     drive.follower.reverse()
-    told = drive.until("paused")
-    assert min(s.speed for s in drive.told) < 0.0
-    assert told.ruling == "the start"
-    assert told.place < 1e-6 * PERIOD
+    solution = drive.until("paused")
+    assert min(s.speed for s in drive.solutions) < 0.0
+    assert solution.ruling == "the start"
+    assert solution.place < 1e-6 * PERIOD
     assert np.linalg.norm(drive.tip()[:2] - start) < 1e-4
     assert drive.tick(25).status == "paused"
     drive.follower.reverse()
@@ -47,11 +47,11 @@ def test_an_override_of_zero_stands_and_of_a_half_is_half_as_fast():
     drive.tick(150)
     fast = {part: drive.tick(100, override=part).speed / 0.02 for part in (0.0, 0.5, 1.0, 1.5)}
     assert fast == pytest.approx({0.0: 0.0, 0.5: 0.5, 1.0: 1.0, 1.5: 1.5}, rel=1e-9, abs=1e-12)
-    assert drive.told[-1].status == "moving"
+    assert drive.solutions[-1].status == "moving"
     drive.check()
 
 
-def test_without_a_rate_an_override_slows_and_never_hastens():
+def test_without_a_rate_an_override_only_slows_down():
     places = {}
     for part in (0.8, 1.0, 1.5):
         drive = Drive()
@@ -60,7 +60,7 @@ def test_without_a_rate_an_override_slows_and_never_hastens():
     assert places[1.5] == places[1.0] > places[0.8] > 0.1 * PERIOD
 
 
-def test_contact_lost_in_a_pause_is_found_again_and_the_pause_goes_on():
+def test_contact_lost_in_a_pause_is_regained_and_the_pause_goes_on():
     drive = Drive(yields=0.02)
     drive.tick(200)
     drive.follower.pause()
@@ -68,10 +68,10 @@ def test_contact_lost_in_a_pause_is_found_again_and_the_pause_goes_on():
     drive.bench.height -= 5e-3
     assert drive.until("waiting").ruling in ("no contact", "a pause")
     assert drive.until("paused").ruling == "a pause"
-    told = drive.tick(100)
-    assert told.status == "paused"
-    assert abs(told.place - place) < 1e-4 * PERIOD
-    assert abs(told.hybrid.intensities[0] / 5.0 - 1.0) < 0.02
+    solution = drive.tick(100)
+    assert solution.status == "paused"
+    assert abs(solution.place - place) < 1e-4 * PERIOD
+    assert abs(solution.hybrid.intensities[0] / 5.0 - 1.0) < 0.02
     drive.follower.resume()
     assert drive.tick(25).place > place + 1e-3 * PERIOD
 
@@ -85,7 +85,7 @@ def test_contact_lost_in_a_pause_is_found_again_and_the_pause_goes_on():
     ),
     st.sampled_from([{}, {"rate": 0.2}, {"jerk": 50.0, "rate": 0.2}]),
 )
-def test_whatever_it_is_told_it_stays_on_its_path_under_its_force(orders, options):
+def test_random_orders_keep_the_tool_on_its_path_under_its_force(orders, options):
     drive = Drive(**options)
     drive.tick(150)
     for order, part, ticks in orders:
@@ -93,7 +93,7 @@ def test_whatever_it_is_told_it_stays_on_its_path_under_its_force(orders, option
             getattr(drive.follower, order)()
         drive.tick(ticks, override=part)
     drive.follower.resume()
-    if drive.follower._shape.back:
+    if drive.follower._path.drive.back:
         drive.follower.reverse()
     assert drive.until("done").place == pytest.approx(PERIOD / 2, rel=1e-6)
     drive.check()

@@ -110,7 +110,7 @@ def test_the_posture_of_a_continuous_joint_is_the_nearest_of_its_turns(turns):
     assert np.abs(a.velocity - still).max() > 1e-3
 
 
-def test_displacements_modulo_a_turn():
+def test_joint_displacement_is_modulo_a_turn():
     random, turns = np.random.default_rng(0), np.array([TURN, 0.0, np.pi])
     for _ in range(200):
         start, step = 10.0 * random.normal(size=3), random.uniform(-1.5, 1.5, 3)

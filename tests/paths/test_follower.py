@@ -14,7 +14,7 @@ from support.arms import ready
 from support.streams import ARMS, Arm, chunks, driven
 
 import invariantqp as iq
-from invariantqp.paths import fit
+from invariantqp.paths import waypoints
 
 
 def hand(arm, rng, T, f=60.0, noise=1.0, lag=0.02):
@@ -64,7 +64,7 @@ def test_chunks_keep_every_limit_and_end_at_rest(name, poses, seed):
 
 @pytest.mark.cases(1)
 @pytest.mark.parametrize("name", ARMS)
-def test_what_is_done_is_at_the_last_point_though_that_was_passed_in_motion(name):
+def test_after_overshoot_the_arm_is_done_at_the_last_point(name):
     arm = Arm(name)
     stamps = np.arange(30) / 20
     points = arm.start + np.outer(stamps, 0.2 * np.ones(len(arm.start)))
@@ -90,7 +90,7 @@ def test_a_gap_between_chunks_does_not_turn_the_arm_back():
 
 
 @pytest.mark.parametrize("again", [False, True])
-def test_points_take_over_evenly_till_their_end_unless_they_are_another_motion(again):
+def test_newer_points_are_blended_in_and_another_motion_takes_over_at_once(again):
     arm = Arm("ur5")
     old, new = (np.tile(arm.start + away, (41, 1)) for away in (0.0, 0.1))
     stamps, now = np.arange(41) / 20, 0.5  # the old are for two seconds, the new for 2.5 s
@@ -103,7 +103,7 @@ def test_points_take_over_evenly_till_their_end_unless_they_are_another_motion(a
         assert abs(share[round(t / arm.dt)] - ((t - now) / 2.0 if again else 1.0)) < 0.02
 
 
-def test_points_that_hardly_overlap_take_over_no_faster_than_others():
+def test_a_short_overlap_needs_no_more_acceleration_than_another_motion():
     arm, most = Arm("ur5"), []
     stamps = np.arange(21) / 20
     for replace in ({}, {"at": 0.9}):
@@ -117,7 +117,7 @@ def test_points_that_hardly_overlap_take_over_no_faster_than_others():
     assert most[0] <= max(most[1], 0.97 * arm.acceleration[0])
 
 
-def test_a_hand_after_points_is_not_taken_back_to_the_last_of_them():
+def test_samples_after_points_cancel_the_return_to_the_last_point():
     arm = Arm("ur5")
     stamps = np.arange(19) / 20
     events = [(0.4, lambda f: f.follow(np.tile(arm.start + 0.1, (19, 1)), stamps))]  # the last is waited at till 1.3 s
@@ -130,7 +130,7 @@ def test_a_hand_after_points_is_not_taken_back_to_the_last_of_them():
 
 @pytest.mark.cases(1)
 @pytest.mark.parametrize("over", [0.8, 0.02, 1.2])
-def test_points_that_are_over_when_they_come_still_say_where_the_last_is(over):
+def test_points_that_are_over_within_a_second_give_the_last_as_a_goal(over):
     arm = Arm("ur5")
     stamps = np.arange(10) / 20
     points = arm.start + np.outer(stamps, 0.3 * np.ones(6))
@@ -141,7 +141,7 @@ def test_points_that_are_over_when_they_come_still_say_where_the_last_is(over):
     assert np.abs(Q[-1] - (points[-1] if followed else arm.start)).max() < 1e-6
 
 
-def test_joints_that_catch_up_do_not_go_past_what_they_follow():
+def test_joints_that_catch_up_do_not_overshoot():
     arm = Arm("ur5")
 
     def place(t):  # it leaps, and comes back a little while the joints are on their way
@@ -179,24 +179,24 @@ def test_broken_streams_keep_every_limit(name, seed):
 
 @pytest.mark.cases(1)
 @pytest.mark.parametrize("name", ["ur5", "panda"])
-def test_a_noisy_hand_is_followed_as_late_as_a_clean_one(name):
-    arm, off, told = Arm(name), [], []
+def test_noise_does_not_delay_a_hand(name):
+    arm, off, lates = Arm(name), [], []
     for noise in (0.0, 1.0):
         events, truth = hand(arm, np.random.default_rng(5), 4.0, noise=noise)
         Q, answers = driven(arm, arm.follower(), events, 4.0)
         arm.held(Q)
         late = answers[-1].late
-        told.append(late)
+        lates.append(late)
         ticks = range(375, len(Q) - 1, 5)
         places = [[arm.robot.pose(x)[:3, 3] for x in (Q[i], truth(i * arm.dt - late))] for i in ticks]
         off.append(np.linalg.norm(np.diff(places, axis=1), axis=2).max())
     assert off[0] < 1e-3
     assert off[1] < 2e-3
-    assert abs(told[0] - told[1]) < 0.02
-    assert told[0] < 0.02 + 0.08  # transport and the window
+    assert abs(lates[0] - lates[1]) < 0.02
+    assert lates[0] < 0.02 + 0.08  # transport and the window
 
 
-def test_points_without_noise_are_met_when_their_stamps_say():
+def test_points_without_noise_are_met_at_their_stamps():
     arm = Arm("panda")
     follower, truth = following(arm, 2, 3.0, cutoff=np.inf)
     Q, answers = driven(arm, follower, [], 2.9)
@@ -235,7 +235,7 @@ def test_chunks_in_the_wrong_order_change_nothing():
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_twists_are_done_and_end_at_rest(name):
+def test_a_twist_is_followed_and_ends_at_rest(name):
     arm = Arm(name)
     wanted = np.array([0.1, 0.0, 0.2, 0.05, -0.05, 0.08])
     events = [(t, lambda f: f.twist(wanted)) for t in np.arange(0.0, 1.0, 0.02)]
@@ -250,7 +250,7 @@ def test_twists_are_done_and_end_at_rest(name):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_a_pause_comes_to_rest_and_resume_goes_on_with_what_is_due(name):
+def test_a_pause_comes_to_rest_and_resume_continues_with_the_points_that_are_due(name):
     arm = Arm(name)
     follower, truth = following(arm, 6, size=0.6)
     Q, answers = driven(arm, follower, [(1.5, lambda f: f.pause()), (3.0, lambda f: f.resume())], 4.8)
@@ -261,7 +261,7 @@ def test_a_pause_comes_to_rest_and_resume_goes_on_with_what_is_due(name):
     assert np.abs(Q[1150] - truth(4.6)).max() < 2e-3
 
 
-def test_an_override_slows_down_and_time_is_caught_up_after_it():
+def test_after_an_override_the_arm_catches_up_with_its_stamps():
     arm = Arm("ur5")
     follower, truth = following(arm, 7)
     q, Q = arm.start, [arm.start]
@@ -276,7 +276,7 @@ def test_an_override_slows_down_and_time_is_caught_up_after_it():
     assert np.abs(q - truth(1125 * arm.dt)).max() < 3e-3
 
 
-def test_newer_points_are_followed_while_an_override_stays():
+def test_newer_points_are_followed_during_an_override():
     arm, stamps = Arm("ur5"), np.arange(20) / 20
     events = [
         (0.6 * k, lambda f, k=k: f.follow(np.tile(arm.start + 0.1 * k, (20, 1)), 0.6 * k + stamps)) for k in range(3)
@@ -306,7 +306,7 @@ def test_out_of_reach_and_back_it_is_never_stuck(name, seed):
 
 
 @pytest.mark.parametrize("exact", [True, False])
-def test_five_joints_are_told_how_far_off_the_tool_is(exact):
+def test_the_error_of_five_joints_is_reported(exact):
     arm = Arm("so101")
     if not exact:
         arm.exact = None
@@ -323,13 +323,13 @@ def test_five_joints_are_told_how_far_off_the_tool_is(exact):
     assert answers[-1].status == ("done" if exact else "blocked")
 
 
-def test_the_work_of_a_tick_is_bounded_whatever_comes(monkeypatch):
+def test_the_work_of_a_tick_is_bounded(monkeypatch):
     arm = Arm("ur5")
     truth = arm.motion(np.random.default_rng(8))
     solved = []
     for name in ("solve", "descend"):
-        real = getattr(fit.PoseSearch, name)
-        monkeypatch.setattr(fit.PoseSearch, name, lambda *a, _=real, **k: (solved.append(1), _(*a, **k))[1])
+        real = getattr(waypoints.PoseSearch, name)
+        monkeypatch.setattr(waypoints.PoseSearch, name, lambda *a, _=real, **k: (solved.append(1), _(*a, **k))[1])
     follower, q = arm.follower(), arm.start
     stamps = np.arange(5000) * 0.01
     poses = np.array([arm.robot.pose(truth(t)) for t in stamps])
@@ -365,21 +365,21 @@ def test_an_arm_waits_at_a_first_point_that_is_due_later():
     assert np.abs(Q - again[0]).max() < 0.12
 
 
-def test_an_arm_that_is_not_where_a_chunk_begins_is_late_until_it_is():
+def test_an_arm_away_from_the_first_point_is_late_until_it_is_there():
     arm, stamps = Arm("ur5"), np.arange(30) / 20
     for away, first in ((0.5, "late"), (0.02, "moving")):
         points = arm.start + away + 0.1 * np.sin(stamps)[:, None]
         Q, answers = driven(arm, arm.follower(), [(0.0, lambda f, p=points: f.follow(p, stamps))], 2.0)
         arm.held(Q)
         assert (str(answers[0].status), answers[0].reason) == (first, "the joints' limits" if first == "late" else "")
-        on = [k for k, told in enumerate(answers) if told.status == "moving"]
+        on = [k for k, solution in enumerate(answers) if solution.status == "moving"]
         off = np.abs(Q[on[0]] - arm.start - away - 0.1 * np.sin(on[0] * arm.dt)).max()
         assert off < 0.02 + 1e-9
         assert answers[-1].status == "done"
 
 
 @pytest.mark.parametrize("kind", ["points", "twist"])
-def test_an_arm_that_stands_although_it_is_sent_on_is_no_arm_that_moves(kind):
+def test_an_arm_that_does_not_move_is_degraded(kind):
     """Stopped without a word to the follower: it says so, tells how far off the tool is, and goes on with the arm."""
     arm = Arm("ur5")
     truth, stamps = arm.motion(np.random.default_rng(5)), np.arange(0.0, 3.0, 0.05)
@@ -388,19 +388,19 @@ def test_an_arm_that_stands_although_it_is_sent_on_is_no_arm_that_moves(kind):
     for i in range(700):
         if kind == "twist":
             follower.twist([0.0, 0.0, 0.1, 0.05, 0.08, 0.0])
-        told = follower.step(q, now=i * arm.dt)
+        solution = follower.step(q, now=i * arm.dt)
         stands = 250 <= i < 350
-        q = q if stands else q + arm.dt * told.velocity
+        q = q if stands else q + arm.dt * solution.velocity
         if i in (245, 349, 699):
-            assert told.status == ("degraded" if stands else "moving")
-            assert ("no motion measured" in told.reason) == stands
+            assert solution.status == ("degraded" if stands else "moving")
+            assert ("no motion measured" in solution.reason) == stands
             if kind == "points":
-                off = np.linalg.norm((arm.robot.pose(q) - arm.robot.pose(truth(told.place)))[:3, 3])
-                assert 0.5 * off <= told.across < 1e-3 + 5.0 * off
+                off = np.linalg.norm((arm.robot.pose(q) - arm.robot.pose(truth(solution.place)))[:3, 3])
+                assert 0.5 * off <= solution.across < 1e-3 + 5.0 * off
 
 
 @pytest.mark.parametrize("poses", [True, False])
-def test_stamps_in_milliseconds_are_questioned(poses):
+def test_stamps_in_milliseconds_cause_a_warning(poses):
     arm, rng = Arm("ur5"), np.random.default_rng(12)
     for _, points, stamps in chunks(arm, rng, 3.0, poses=poses):
         with pytest.warns(UserWarning, match="stamps are seconds here") as said:
@@ -413,7 +413,7 @@ def test_stamps_in_milliseconds_are_questioned(poses):
 
 
 @pytest.mark.parametrize("unit", [1.0, 1e3, 1e9])
-def test_samples_stamped_in_milliseconds_are_questioned_once(unit):
+def test_samples_stamped_in_milliseconds_cause_one_warning(unit):
     """Another clock, which leaps once, is not."""
     arm, events = Arm("ur5", dt=0.004), []
     for k in range(60):
@@ -426,7 +426,7 @@ def test_samples_stamped_in_milliseconds_are_questioned_once(unit):
 
 
 @pytest.mark.parametrize(("spacing", "count"), [(13.0, 3), (0.5, 101)])
-def test_a_long_chunk_is_done_at_its_end_and_nowhere_else(spacing, count):
+def test_a_long_chunk_is_done_only_at_its_end(spacing, count):
     """Points farther apart than a plan reaches, and more of them than are planned at once."""
     start = np.array([0.2, -1.5, 1.1, -2.0, 0.1, 1.7])
     points, stamps = start + np.outer(np.linspace(0.0, 0.3, count), np.ones(6)), spacing * np.arange(count)
@@ -443,7 +443,7 @@ def test_a_long_chunk_is_done_at_its_end_and_nowhere_else(spacing, count):
 
 @pytest.mark.cases(1)
 @pytest.mark.parametrize("hertz", [60, 30, 12])
-def test_a_noisy_hand_is_not_amplified_however_seldom_it_is_seen(hertz):
+def test_noise_is_not_amplified_at_low_sample_rates(hertz):
     robot, q, rng = iq.load_robot("ur5"), np.array([0.3, -1.2, 1.6, -1.9, -1.4, 0.2]), np.random.default_rng(0)
     follower = iq.Follower(iq.Controller(robot, dt=0.004, acceleration_limit=10.0), timeout=0.3)
     here, off, noise = robot.pose(q), [], []
@@ -459,7 +459,7 @@ def test_a_noisy_hand_is_not_amplified_however_seldom_it_is_seen(hertz):
 
 
 @pytest.mark.parametrize("shape", [(20, 5), (6, 20), (1, 20, 6), (20, 3, 4), (0, 6)])
-def test_points_of_another_shape_are_refused_by_their_shape(shape):
+def test_points_of_a_wrong_shape_are_refused(shape):
     follower = iq.Follower(iq.Controller(iq.load_robot("ur5"), dt=0.02, acceleration_limit=8.0))
     with pytest.raises(iq.BadInput, match=f"points: found shape {re.escape(str(shape))}"):
         follower.follow(np.zeros(shape), np.arange(len(np.zeros(shape))))
@@ -485,7 +485,7 @@ def test_points_far_ahead_are_waited_for(away, cutoff):
 
 
 @pytest.mark.parametrize("push", [0.01, 0.19, 0.4])
-def test_a_push_is_come_back_from(push):
+def test_the_arm_returns_after_a_push(push):
     arm = Arm("ur5")
     follower, truth = following(arm, 10)
     q, Q = arm.start, [arm.start]
@@ -520,7 +520,7 @@ def test_a_start_outside_its_range_comes_back_inside_all_limits():
         ("panda", [0, -0.4, 0, -2.2, 0, 1.8, 0.8], [0.0, 1.57, 0.0]),
     ],
 )
-def test_a_goal_in_reach_is_reached_where_the_way_straight_there_is_not_one(name, q, turn):
+def test_a_goal_is_reached_where_the_straight_path_to_it_is_not(name, q, turn):
     robot, dt, q = iq.load_robot(name), 0.004, np.array(q, float)
     goal = robot.pose(q) @ iq.exp([*turn, 0.0, 0.0, 0.0])
     follower = iq.Follower(iq.Controller(robot, dt=dt, acceleration_limit=10.0), jerk=500.0)
@@ -530,7 +530,7 @@ def test_a_goal_in_reach_is_reached_where_the_way_straight_there_is_not_one(name
     assert answers[-1].status == "done"
 
 
-def test_a_goal_that_is_sent_again_is_no_stream_that_waits():
+def test_a_goal_sent_repeatedly_is_done():
     robot = iq.load_robot("ur5e")
     q, dt = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0]), 0.002
     goal = iq.transform(translation=[0.1, 0.2, -0.1]) @ robot.pose(q)
@@ -550,7 +550,7 @@ def test_a_solution_can_be_pickled():
     np.testing.assert_array_equal(other.velocity, solution.velocity)
 
 
-def test_a_goal_without_a_stamp_is_wanted_now_whatever_the_first_clock_says():
+def test_a_goal_without_a_stamp_is_due_at_the_first_clock_reading():
     arm = Arm("ur5")
     follower, Q = arm.follower(), [arm.start]
     follower.follow([arm.robot.pose(arm.start + 0.1)])
@@ -563,7 +563,7 @@ def test_a_goal_without_a_stamp_is_wanted_now_whatever_the_first_clock_says():
 
 
 @pytest.mark.parametrize("each", [False, True])
-def test_a_velocity_that_is_told_is_gone_on_from(each):
+def test_the_motion_continues_from_a_given_velocity(each):
     arm = Arm("ur5")
     follower, q, before = arm.follower(), arm.start, np.zeros(6)
     follower.follow([arm.start + 0.5])
@@ -580,7 +580,7 @@ def test_a_velocity_that_is_told_is_gone_on_from(each):
 
 @pytest.mark.cases(1)
 @pytest.mark.parametrize("again", [3.0, 0.5])
-def test_what_stands_out_of_reach_is_stood_before(again):
+def test_the_arm_stands_before_a_goal_out_of_reach(again):
     """As a function of time that is the same always, and as chunks of a policy that sends it again."""
     arm = Arm("ur5")
     pose = iq.transform(translation=[0.0, 1.2, 0.0]) @ arm.robot.pose(arm.start)
@@ -597,7 +597,7 @@ def test_what_stands_out_of_reach_is_stood_before(again):
 @pytest.mark.parametrize(
     ("name", "twist"), [("ur5", [0.3, 0.0, 0.0]), ("ur5", [0.0, 0.2, -0.2]), ("so101", [0.1, 0.0, 0.0])]
 )
-def test_a_twist_that_cannot_be_done_is_limited_and_no_joint_swings(name, twist):
+def test_a_twist_beyond_the_arm_is_limited_and_no_joint_oscillates(name, twist):
     arm, twist = Arm(name), [0.0, 0.0, 0.0, *twist]
     if name == "ur5":
         arm.start = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
@@ -624,7 +624,7 @@ def beside(arm, obstacle):
 
 
 @pytest.mark.parametrize("way", ["twist", "hand", "speed"])
-def test_what_holds_the_tool_back_brakes_no_joint_harder_than_it_may(way):
+def test_limits_of_the_loop_brake_joints_inside_their_acceleration(way):
     arm = Arm("ur5", **({"tool_speed": 0.2} if way == "speed" else {}))
     home = arm.robot.pose(arm.start)
     loop, limit = (arm.controller(), None) if way == "speed" else beside(arm, TABLE)
@@ -636,17 +636,17 @@ def test_what_holds_the_tool_back_brakes_no_joint_harder_than_it_may(way):
         elif i % 4 == 0:
             x = [0.15 * np.sin(2.0 * t), 0.0, 0.0] if way == "speed" else [0.0, 0.1 * np.sin(t), 0.3 * np.cos(t) - 0.3]
             follower.add(iq.transform(translation=x) @ home, t)
-        told = follower.step(q, now=t)
-        q = q + arm.dt * told.velocity
+        solution = follower.step(q, now=t)
+        q = q + arm.dt * solution.velocity
         Q.append(q)
-        said.add(str(told.status))
+        said.add(str(solution.status))
         assert limit is None or limit.at(q).distance > 0.0199
     assert (np.abs(np.diff(np.vstack((Q[:1], Q)), 2, axis=0)) / arm.dt**2 <= 1.001 * arm.acceleration).all()
     assert ("limited" if way == "twist" else "late") in said
 
 
 @pytest.mark.parametrize("way", ["hand", "nothing", "path", "paused"])
-def test_it_makes_way_for_what_moves_and_says_so(way):
+def test_it_avoids_a_moving_obstacle_and_reports_it(way):
     arm = Arm("ur5", dt=0.01)
     arm.start = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
     home = arm.robot.pose(arm.start)
@@ -665,13 +665,13 @@ def test_it_makes_way_for_what_moves_and_says_so(way):
             follower.add(home, t)
         elif way == "paused" and i == 10:
             follower.pause()
-        told = follower.step(q, now=t)
-        q = q + arm.dt * told.velocity
+        solution = follower.step(q, now=t)
+        q = q + arm.dt * solution.velocity
         Q.append(q)
-        said.add((str(told.status), told.reason.partition(",")[0]))
+        said.add((str(solution.status), solution.reason.partition(",")[0]))
         assert limit.at(q).distance > 0.0195
     assert (np.abs(np.diff(np.vstack((Q[:1], Q)), 2, axis=0)) / arm.dt**2 <= 1.001 * arm.acceleration).all()
-    assert ("late" if way == "hand" else "limited", "held by clearance: tool and ball") in said
+    assert ("late" if way == "hand" else "limited", "limited by clearance: tool and ball") in said
 
 
 def test_a_late_arm_gets_the_same_commands():
@@ -683,7 +683,7 @@ def test_a_late_arm_gets_the_same_commands():
 
 
 @pytest.mark.parametrize("names", [["the table"], []])
-def test_what_holds_the_arm_back_is_named(names):
+def test_the_limiting_row_is_named(names):
     """Above a table a hand that goes below it is late for the table's sake, not for the joints'."""
     arm, q = iq.load_robot("panda"), ready("panda")
     start = arm.pose(q)
@@ -698,16 +698,16 @@ def test_what_holds_the_arm_back_is_named(names):
     for tick in range(200):
         if tick % 4 == 0:
             follower.add(iq.transform(translation=[0.0, 0.0, -0.1 * min(1.0, 0.01 * tick)]) @ start, 0.005 * tick)
-        told = follower.step(q, now=0.005 * tick)
-        q = q + 0.005 * told.velocity
-        said.add((str(told.status), told.reason))
+        solution = follower.step(q, now=0.005 * tick)
+        q = q + 0.005 * solution.velocity
+        said.add((str(solution.status), solution.reason))
     assert arm.pose(q)[2, 3] > start[2, 3] - 0.0201
-    assert (str(told.status), told.reason) == ("late", f"held by {names[0] if names else 'above'}")
+    assert (str(solution.status), solution.reason) == ("late", f"limited by {names[0] if names else 'above'}")
 
 
 @pytest.mark.cases(1)
-@pytest.mark.parametrize(("dt", "delay", "told"), [(0.004, 0.0, True), (0.01, 0.0, False), (0.005, 0.02, False)])
-def test_a_hand_held_still_makes_way_for_what_comes_and_goes_back(dt, delay, told):
+@pytest.mark.parametrize(("dt", "delay", "declared"), [(0.004, 0.0, True), (0.01, 0.0, False), (0.005, 0.02, False)])
+def test_an_arm_at_rest_avoids_an_obstacle_and_returns(dt, delay, declared):
     """A ball comes as far as 20 mm into the hand, stays and goes; what is lost is what an arm alone loses."""
     arm, q, speed, a = iq.load_robot("ur5"), np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0]), 0.1, 8.0
     at, start, ball = arm.pose(q), q, iq.limits.Sphere([0.0, 0.0, 0.0], 0.08, name="ball")
@@ -718,7 +718,9 @@ def test_a_hand_held_still_makes_way_for_what_comes_and_goes_back(dt, delay, tol
         t = dt * i
         way = speed * (t if t < 0.9 else 0.9 if t < 1.4 else max(0.9 - (t - 1.4), 0.0))
         along = -speed if t < 0.9 else 0.0 if t < 1.4 else speed if t < 2.3 else 0.0
-        ball.move(iq.transform(translation=at[:3, 3] + [0.0, 0.2 - way, 0.0]), [0, 0, 0, 0, along, 0] if told else None)
+        ball.move(
+            iq.transform(translation=at[:3, 3] + [0.0, 0.2 - way, 0.0]), [0, 0, 0, 0, along, 0] if declared else None
+        )
         if i % round(0.02 / dt) == 0:
             follower.add(at, t)
         solution = follower.step(q, now=t)
@@ -726,9 +728,10 @@ def test_a_hand_held_still_makes_way_for_what_comes_and_goes_back(dt, delay, tol
         q = q + dt * late.pop(0)
         d.append(clear.at(q).distance)
         said.add((str(solution.status), solution.reason))
-    behind = speed * (dt + delay) + (0.0 if told else speed * max(10.0 * dt, np.e * (delay + 0.5 * dt)))
+    behind = speed * (dt + delay) + (0.0 if declared else speed * max(10.0 * dt, np.e * (delay + 0.5 * dt)))
     assert min(d) > 0.02 - behind - speed**2 / (2.0 * 0.3 * a * np.hypot(*at[:2, 3]))
-    assert ("late", "held by clearance: tool and ball") in {(status, reason.split(",")[0]) for status, reason in said}
+    first = {(status, reason.split(",")[0]) for status, reason in said}
+    assert ("late", "limited by clearance: tool and ball") in first
     np.testing.assert_allclose(q, start, atol=1e-6)
 
 
@@ -741,7 +744,7 @@ def test_a_tool_speed_holds():
     assert max(speed) > 0.099
 
 
-def test_two_arms_do_not_know_of_one_another():
+def test_two_followers_are_independent():
     arms = Arm("ur5"), Arm("panda")
     events = [hand(arm, np.random.default_rng(13), 1.0)[0] for arm in arms]
     alone = [driven(arm, arm.follower(), e, 1.2)[0] for arm, e in zip(arms, events, strict=True)]
@@ -786,7 +789,7 @@ def test_a_shape_is_kept():
     assert answer.across == same.across
 
 
-def test_a_shape_gives_way_to_another_from_the_motion_it_has():
+def test_a_new_path_is_joined_from_the_motion_of_the_arm():
     arm = Arm("panda")
     home = arm.robot.pose(arm.start)
     poses = np.array([home @ iq.transform(translation=[0.0, 0.01 * k, 0.0]) for k in range(12)])
@@ -830,7 +833,7 @@ def test_a_shape_gives_way_to_another_from_the_motion_it_has():
         (lambda f: (f.close(), f.add(np.eye(4))), "point"),
     ],
 )
-def test_what_is_wrong_is_refused_and_changes_nothing(call, argument):
+def test_bad_input_is_refused_and_changes_nothing(call, argument):
     def wrong(follower):
         with pytest.raises(iq.BadInput) as refused:
             call(follower)

@@ -47,7 +47,7 @@ def kept(robot, velocities, dt=0.004, rise=0.2):
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", ARMS)
-def test_what_counts_is_on_the_path_and_nothing_is_turned_for_nothing(name, kind):
+def test_the_tool_is_on_the_path_and_free_directions_move_little(name, kind):
     robot, poses = iq.load_robot(name), poses_of(name)
     for targets in (targets_of(poses, kind), targets_of(poses, kind, POINT, AXIS)):
         follower = follower_on(robot, targets, ready(name), options={"posture": False})
@@ -72,7 +72,7 @@ def test_points_are_targets_of_the_tools_origin(name):
         np.testing.assert_array_equal(drive(follower_on(robot, path, ready(name)), ready(name))[1], wanted)
 
 
-def test_neither_time_nor_travel_is_spent_on_a_spin():
+def test_free_rotation_costs_no_time_and_no_travel():
     robot, q = iq.load_robot("ur5"), ready("ur5")
     home = robot.pose(q)
     spun = [home @ iq.exp([0.0, 0.0, 3.0 * u, 0.05 * u, 0.03 * u, 0.0]) for u in np.linspace(0.0, 1.0, 30)]
@@ -85,7 +85,7 @@ def test_neither_time_nor_travel_is_spent_on_a_spin():
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_neither_the_base_frame_nor_the_tool_frame_decides(kind):
+def test_the_motion_is_the_same_in_every_frame(kind):
     robot, poses, q = iq.load_robot("ur5"), poses_of("ur5"), ready("ur5")
     X = iq.exp([0.4, -0.3, 0.9, 0.1, 0.05, -0.2])
     back = np.linalg.inv(X)
@@ -96,7 +96,7 @@ def test_neither_the_base_frame_nor_the_tool_frame_decides(kind):
     np.testing.assert_allclose(drive(follower_on(moved, elsewhere, q, options=options), q)[1], here, atol=1e-6)
 
 
-def test_the_posture_uses_what_is_free():
+def test_the_posture_uses_free_directions():
     robot, q = iq.load_robot("ur5"), ready("ur5")
     posture = q + np.array([0.0, 0.0, 0.0, 0.3, 0.4, -0.8])
     points = robot.pose(q)[:3, 3] + np.linspace(0.0, 0.3, 10)[:, None] * [0.0, 1.0, 0.0]
@@ -142,7 +142,7 @@ def test_functions_corners_jerk_and_time(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("jerk", [None, 50.0])
-def test_a_start_that_is_away_is_gone_to_without_turning_what_is_free(kind, jerk):
+def test_the_approach_to_the_start_moves_free_directions_little(kind, jerk):
     robot, q = iq.load_robot("ur5"), ready("ur5")
     home = robot.pose(q)
     away = [home @ iq.exp([0.1 + 0.1 * u, 0.1, 2.5, 0.05, 0.04, 0.03 + 0.1 * u]) for u in np.linspace(0.0, 1.0, 5)]
@@ -154,7 +154,7 @@ def test_a_start_that_is_away_is_gone_to_without_turning_what_is_free(kind, jerk
     kept(robot, velocities)
 
 
-def test_what_is_free_may_be_pushed_and_what_counts_is_gone_back_to():
+def test_a_push_in_free_directions_is_kept_and_others_are_corrected():
     robot, q = iq.load_robot("ur5"), ready("ur5")
     points = robot.pose(q)[:3, 3] + np.linspace(0.0, 0.3, 10)[:, None] * [0.0, 1.0, 0.0]
     push = {30: np.array([0.05, -0.05, 0.05, 0.0, 0.0, 0.0])}
@@ -182,7 +182,7 @@ def test_points_out_of_reach_end_the_path_or_are_left(blocked):
 
 
 @pytest.mark.parametrize("kind", ["points", *KINDS])
-def test_a_follower_that_keeps_the_shape_does_the_same(kind):
+def test_a_follower_that_keeps_the_shape_drives_free_paths(kind):
     robot, poses, q = iq.load_robot("ur5"), poses_of("ur5"), ready("ur5")
     path = poses[:, :3, 3] if kind == "points" else targets_of(poses, kind)
     wanted = drive(follower_on(robot, path, q), q)[1]
@@ -197,23 +197,23 @@ def test_a_follower_that_keeps_the_shape_does_the_same(kind):
     assert 9.0 <= 0.004 * len(solutions) < 9.5
 
 
-def test_the_speed_limit_of_a_point_of_the_tool_is_kept_whatever_turns_it():
+def test_the_speed_limit_of_a_tool_point_holds_under_free_rotation():
     robot, q = iq.load_robot("ur5"), ready("ur5")
     tip = np.array((0.0, 0.0, 0.3))
     options = {"tool_speed": iq.limits.ToolSpeed(0.1, tip), "posture": q + 0.6, "posture_gain": 5.0}
     points = robot.pose(q)[:3, 3] + np.linspace(0.0, 0.2, 10)[:, None] * [0.0, 1.0, 0.0]
     follower = follower_on(robot, points, q, options=options)
     motion = follower.plan.motion
-    planned = motion.at(np.linspace(0.0, motion.end, 200))[:, :2, :-1]
+    smoothed_motion = motion.at(np.linspace(0.0, motion.end, 200))[:, :2, :-1]
     _, Q, velocities = drive(follower, q)
     speed = []
-    for x, v in (*planned, *zip(Q, velocities, strict=False)):
+    for x, v in (*smoothed_motion, *zip(Q, velocities, strict=False)):
         T, s = robot.pose(x), robot.jacobian(x) @ v
         speed.append(np.linalg.norm(s[3:] + np.cross(s[:3], T[:3, :3] @ tip + T[:3, 3])))
     assert 0.099 < max(speed) <= 0.1 * (1.0 + 1e-6)
 
 
-def test_what_is_no_path_is_refused_by_name():
+def test_invalid_paths_are_refused_by_name():
     robot, T = iq.load_robot("ur5"), poses_of("ur5")
     loop = iq.Controller(robot, dt=0.004)
     point, axis = T[0][:3, 3], T[0][:3, 2]

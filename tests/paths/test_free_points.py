@@ -41,7 +41,7 @@ def test_a_hand_is_followed(name, kind):
 
 @pytest.mark.parametrize("kind", ["point", "target", "both"])
 @pytest.mark.parametrize("name", ARMS)
-def test_chunks_are_met_when_their_stamps_say(name, kind):
+def test_chunks_are_met_at_their_stamps(name, kind):
     arm = Arm(name)
     truth, stamps = arm.motion(np.random.default_rng(4), 0.3), np.arange(0.0, 2.0, 0.05)
     poses = [arm.robot.pose(truth(t)) for t in stamps]
@@ -68,7 +68,7 @@ def test_one_goal_and_a_function_of_time():
     np.testing.assert_allclose(arm.robot.pose(Q[-1])[:3, 3], at, atol=2e-3)
 
 
-def test_a_point_out_of_reach_is_said_and_the_nearest_is_held():
+def test_a_point_out_of_reach_is_reported_and_the_nearest_held():
     arm = Arm("panda")
     far = np.array([1.5, 0.2, 0.5])
     follower = arm.follower()
@@ -79,7 +79,7 @@ def test_a_point_out_of_reach_is_said_and_the_nearest_is_held():
     assert "reach" in " ".join(a.reason for a in answers)
 
 
-def test_what_is_no_point_is_refused_by_name():
+def test_invalid_points_are_refused_by_name():
     arm = Arm("ur5")
     follower = arm.follower()
     for point in ([np.nan, 0.0, 0.0], [0.0, 0.0], [1e3, 0.0, 0.0], iq.Target([1e3, 0.0, 0.0])):

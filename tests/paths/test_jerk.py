@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import invariantqp as iq
-from invariantqp.paths.ahead import JointPath, Knot
+from invariantqp.paths.joint_path import JointPath, Knot
 from invariantqp.paths.plan import plan_of
 
 ACCELERATION, JERK = 10.0, 100.0
@@ -22,7 +22,7 @@ def test_some_limit_is_near_at_every_moment_and_knots_do_not_matter(name, seed):
     way = CubicSpline(np.linspace(0.0, 1.0, 4), q[0] + np.clip(q - q[0], -0.6, 0.6))
     loop = iq.Controller(robot, dt=0.004, acceleration_limit=ACCELERATION)
     follower = iq.PathFollower(loop, lambda u: robot.pose(way(u)), joint_jerk=JERK)
-    search = JointPath(follower.controller, follower._shape.given.curve, way(0.0))
+    search = JointPath(follower.controller, follower._path.drive.given.curve, way(0.0))
     while not search.done:
         search.extend()
 

@@ -6,8 +6,9 @@ from numpy.polynomial import polynomial
 from support.streams import Arm, driven
 
 import invariantqp as iq
-from invariantqp.paths.reference import Clock, Clocked, Motion, Reference, planned
-from invariantqp.paths.time_law import JointLimits
+from invariantqp.paths.joint_limits import JointLimits
+from invariantqp.paths.reference import Motion, Reference, RetimedMotion, TimeScaling
+from invariantqp.paths.smoothing import smoothed_motion
 
 LIMITS = JointLimits(*(np.full(3, x) for x in (-3.0, 3.0, 2.0, 10.0, 400.0)), 0.002)
 
@@ -40,10 +41,10 @@ def test_a_splice_is_the_quintic_to_the_source_or_leaves_a_limit(seed):
     rng = np.random.default_rng(seed)
     stamps = np.cumsum(rng.uniform(0.02, 0.1, 30))
     points = 0.1 * np.sin(2.0 * stamps)[:, None] + 0.02 * rng.normal(size=3)
-    motion = planned(np.zeros((3, 3)), 0.0, stamps, points, LIMITS, 0.053)
+    motion = smoothed_motion(np.zeros((3, 3)), 0.0, stamps, points, LIMITS, 0.053)
     now, D = float(stamps[12]), 0.3
     away = rng.choice([0.01, 0.3]) * rng.normal(size=(3, 3)) * np.array([1.0, 0.3, 0.1])[:, None]
-    for source in (motion, Clocked(motion, Clock(now, now, 0.5, 0.1, 0.8, 0.3))):
+    for source in (motion, RetimedMotion(motion, TimeScaling(now, now, 0.5, 0.1, 0.8, 0.3))):
         reference = Reference(LIMITS, points[0], 0.0)
         state = source.at((now,))[0, :3] + away
         fits = reference.splice(source, now, state, D)
@@ -63,7 +64,7 @@ def test_a_splice_is_the_quintic_to_the_source_or_leaves_a_limit(seed):
 
 
 @pytest.mark.parametrize("wrong", [[np.nan] * 6, [0.0] * 5, "joints", None])
-def test_what_is_no_position_is_refused_between_two_ticks_and_changes_nothing(wrong):
+def test_invalid_positions_are_refused_between_two_ticks_and_change_nothing(wrong):
     arm = Arm("ur5")
     follower, stamps = arm.follower(), np.arange(0.0, 1.2, 0.05)
     truth = arm.motion(np.random.default_rng(2))

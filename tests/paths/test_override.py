@@ -20,7 +20,7 @@ def in_range(bed, trace, base):
 
 
 @CASES
-def test_a_fifth_is_a_fifth_of_the_speed_requested(kind, name, dt, sign):
+def test_an_override_of_a_fifth_gives_a_fifth_of_the_requested_speed(kind, name, dt, sign):
     base = Bed(kind, name, dt, sign).run(2.0)
     bed = Bed(kind, name, dt, sign)
     slow = bed.run(2.5, override=lambda t: 0.2)
@@ -53,7 +53,7 @@ def test_it_may_change_in_every_tick_and_the_input_is_reached_at_last(kind, name
         assert bed.off(changed.Q[-1], TIME) < 2e-3
 
 
-def test_a_stream_that_moves_on_is_never_left_behind_for_good():
+def test_a_moving_stream_is_caught_up_with_after_an_override():
     """A slow arm is late, and leads back inside the range: at a half, in both directions and from either side."""
     for sign in (1, -1):
         bed = Bed("chunks of joints", "ur5", 0.01, sign)

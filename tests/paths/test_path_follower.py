@@ -161,7 +161,7 @@ def test_it_stops_before_a_position_limit(name):
     assert (largest_error(robot, pose, solutions, q) < (MM, RAD)).all()
 
 
-def test_it_leaves_what_is_out_of_reach_and_comes_back():
+def test_it_leaves_the_path_out_of_reach_and_rejoins_it():
     robot = iq.load_robot("ur5")
     q = ready("ur5")
     T0 = robot.pose(q)
@@ -184,7 +184,7 @@ def test_it_leaves_what_is_out_of_reach_and_comes_back():
 
 @pytest.mark.cases(1)
 @pytest.mark.parametrize(("name", "where"), [("so101", "start"), ("ur5", "middle")])
-def test_an_exact_point_leaves_what_is_far_out_of_reach(name, where):
+def test_an_exact_point_leaves_a_path_far_out_of_reach(name, where):
     robot = iq.load_robot(name)
     start = ready(name)
     home = robot.pose(start)
@@ -239,7 +239,7 @@ def test_it_leaves_the_path_by_the_least(name, exact, where):
     found, before = [], start
     for u in np.linspace(0.0, 1.0, 7):
         q = follower.plan.joints(u * follower.plan.end)
-        W = pose(follower._shape.given.place(u * follower.plan.end))
+        W = pose(follower._path.drive.given.place(u * follower.plan.end))
         tries = [least_squares(missing, np.clip(x, *bounds), bounds=bounds, args=(W,)) for x in (q, before)]
         best = min(tries, key=lambda one: one.cost)
         before = best.x
@@ -281,7 +281,7 @@ def test_a_path_that_comes_back_into_reach_just_before_its_end_is_done(name, joi
 @pytest.mark.cases(3)
 @pytest.mark.parametrize(("name", "seed"), [("ur5", 1), ("panda", 2), ("z1", 3)])
 @pytest.mark.parametrize("exact", [None, "position"])
-def test_a_path_that_can_be_had_is_not_left(name, seed, exact):
+def test_a_path_in_reach_is_not_left(name, seed, exact):
     robot = iq.load_robot(name)
     joints = joint_path(robot, seed)
     follower = follower_on(robot, along(robot, joints), dt=0.01, options={"exact": exact}, rate=0.2, blocked="leave")
@@ -322,7 +322,7 @@ def test_a_start_out_of_reach_blocks_the_path():
     assert "it is out of reach" in solutions[-1].reason
 
 
-def test_a_push_off_the_path_is_taken_back():
+def test_a_push_off_the_path_is_corrected():
     robot = iq.load_robot("ur5")
     joints = joint_path(robot, 7)
     pose = along(robot, joints)
@@ -335,7 +335,7 @@ def test_a_push_off_the_path_is_taken_back():
 
 @pytest.mark.cases(1)
 @pytest.mark.parametrize("name", ["ur5", "panda"])
-def test_after_a_large_push_it_comes_back_to_where_it_was(name):
+def test_after_a_large_push_it_returns_to_its_place(name):
     robot = iq.load_robot(name)
     joints = joint_path(robot, 7)
     pose = along(robot, joints)
@@ -343,7 +343,7 @@ def test_after_a_large_push_it_comes_back_to_where_it_was(name):
     before, q, x = drive(follower, joints(0.0), 75)
     after, p, y = drive(follower, q[-1] + 0.1 * (-1.0) ** np.arange(len(robot.names)))
     away = [s for s in after if s.status == "waiting"]
-    assert "off the path, pushed or later" in away[0].reason
+    assert "off the path, pushed or with more delay" in away[0].reason
     assert np.ptp([s.place for s in (before[-1], *away)]) < 1e-12
     back = after[len(away) :]
     assert back[0].place - before[-1].place < 1e-3
@@ -372,7 +372,7 @@ def test_pause_turn_and_override_keep_the_path():
     assert kept(robot, pose, run)
 
 
-def test_the_speed_has_the_jerk_that_is_asked_for():
+def test_the_speed_keeps_the_jerk_limit():
     robot = iq.load_robot("ur5")
     q, acceleration, jerk = ready("ur5"), 20.0, 150.0
     turn = np.array([0.3, -0.2, 0.4, 0.2, -0.3, 0.5])
@@ -403,7 +403,7 @@ def test_an_s_curve_of_long_ticks_reaches_the_end():
         assert drive(follower, q, 300)[0][-1].status == "done"
 
 
-def test_a_rate_is_kept_where_limits_allow_it_and_the_lag_is_told():
+def test_a_rate_is_kept_where_limits_allow_it_and_the_lag_is_reported():
     robot = iq.load_robot("ur5")
     joints = joint_path(robot, 7)
     slow = follower_on(robot, lambda t: robot.pose(joints(t / 20.0)), joints(0.0), end=20.0, rate=1.0)
@@ -417,7 +417,7 @@ def test_a_rate_is_kept_where_limits_allow_it_and_the_lag_is_told():
     assert {s.status for s in late} == {"slowed", "moving", "done"} or {s.status for s in late} == {"slowed", "done"}
 
 
-def test_an_exact_point_is_what_stays_on_the_path():
+def test_an_exact_point_stays_on_the_path():
     robot = iq.load_robot("so101")
     joints = joint_path(robot, 11, 0.3)
 
@@ -434,7 +434,7 @@ def test_an_exact_point_is_what_stays_on_the_path():
 
 @pytest.mark.cases(2)
 @pytest.mark.parametrize(("exact", "turn"), [("position", 0.0), ("position", 0.3), (None, 0.0)])
-def test_a_turn_that_an_arm_cannot_do_does_not_slow_it_down(exact, turn):
+def test_a_rotation_beyond_the_arm_does_not_slow_it_down(exact, turn):
     pytest.importorskip("toppra")
     arm = iq.load_robot("so101")
     q = ready("so101")
@@ -465,7 +465,7 @@ def test_a_turn_that_an_arm_cannot_do_does_not_slow_it_down(exact, turn):
 
 @pytest.mark.cases(1)
 @pytest.mark.parametrize(("way", "turned"), [((0.07, 0.0, 0.07), 2.6), ((0.0, 0.0, 0.2), 30.0)])
-def test_an_exact_point_is_reached_where_the_rest_has_to_stray(way, turned):
+def test_an_exact_point_is_reached_where_the_orientation_is_not(way, turned):
     arm = iq.load_robot("so101")
     q = ready("so101")
     home = arm.pose(q)
@@ -484,7 +484,7 @@ def test_an_exact_point_is_reached_where_the_rest_has_to_stray(way, turned):
     assert 'exact="position" would turn the tool instead' in last.reason
 
 
-def test_done_means_at_the_end():
+def test_a_tool_that_is_done_is_at_the_end():
     arm = iq.load_robot("so101")  # 10 rad/s, from which it stops within a tick where nothing limits acceleration
     q = ready("so101")
     home = arm.pose(q)
@@ -586,7 +586,7 @@ def test_a_copy_is_a_follower_of_its_own():
         ({"blocked": "jump"}, "blocked"),
     ],
 )
-def test_what_is_no_path_is_refused(wrong, named):
+def test_invalid_paths_are_refused(wrong, named):
     robot = iq.load_robot("ur5")
     right = {"path": lambda u: iq.transform(translation=[0.4 + 0.1 * u, 0.0, 0.4])}
     with pytest.raises(iq.BadInput, match=named):

@@ -27,7 +27,7 @@ def arm_of(m):
 
 @pytest.mark.cases(1)
 @pytest.mark.parametrize(("dt", "jerk"), [(0.005, 25.0), (0.01, 289.0), (0.02, 4.3)])
-def test_an_s_curve_reaches_what_blocks_the_path(dt, jerk):
+def test_an_s_curve_reaches_the_place_where_the_path_is_blocked(dt, jerk):
     arm = iq.load_robot("so101")
     q = np.array([1.03574562, -0.56392953, -0.17575351, 0.77736402, 2.44121])
     turn = np.array([0.0, 0.0, 0.0, 0.0, 0.56337917]) + 0.1 * np.cos(np.arange(5))
@@ -77,7 +77,7 @@ def test_fast_joints_near_a_singularity_keep_the_path():
     assert max(s.across for s in solutions) < LEAST
 
 
-def test_a_tool_speed_that_rules_an_exact_point_does_not_hold_it_up():
+def test_a_tool_speed_limit_does_not_stop_an_exact_point():
     robot = iq.load_robot("ur10")
     joints = CubicSpline(
         np.linspace(0.0, 1.0, 4),
@@ -95,7 +95,7 @@ def test_a_tool_speed_that_rules_an_exact_point_does_not_hold_it_up():
     assert max(s.across for s in solutions) < LEAST
 
 
-def test_exact_rows_that_a_limit_holds_up_are_left_in_time():
+def test_exact_rows_at_a_limit_are_left_in_time():
     robot = arm_of(3)
     q = np.array([-0.2773559891, 2.1, -0.7918015234])
     over = np.array([0.0, 0.4914173738, 0.0])
@@ -126,7 +126,7 @@ def test_an_exact_point_that_was_pushed_comes_to_rest_on_its_path():
 @pytest.mark.parametrize(
     ("name", "q", "turn"), [("so101", [0.0, -0.4, 0.5, 0.6, 0.0], 1.0), ("ur5", [0.0, -1.4, 1.6, -1.8, -1.57, 0], 2.8)]
 )
-def test_how_far_an_exact_point_is_off_hangs_on_no_orientation(name, q, turn):
+def test_the_error_of_an_exact_point_does_not_depend_on_orientation(name, q, turn):
     robot, q = iq.load_robot(name), np.array(q)
     home, turned = robot.pose(q), iq.exp([0.0, 0.0, turn, 0.0, 0.0, 0.0])[:3, :3]
 
@@ -144,7 +144,7 @@ def test_how_far_an_exact_point_is_off_hangs_on_no_orientation(name, q, turn):
     assert solutions[-1].status == "done"
 
 
-def test_an_exact_height_is_kept_by_a_tool_that_strays_far_from_the_rest():
+def test_an_exact_height_is_kept_far_from_the_rest_of_the_target():
     arm, plane = iq.load_robot("so101"), iq.control.ExactPlane([0.0, 0.3, 1.0], [0.0, 0.0, 0.1])
     q = np.array([-0.33641766, 0.70922652, -0.50926223, -0.7215866, 1.50639779])
     home = arm.pose(q)
@@ -160,7 +160,7 @@ def test_an_exact_height_is_kept_by_a_tool_that_strays_far_from_the_rest():
 
 
 @pytest.mark.parametrize(("override", "turns"), [(1.0, bool), (1.3, lambda tick: tick % 100 >= 50)])
-def test_no_limit_makes_the_tool_faster_than_was_asked_for(override, turns):
+def test_no_limit_makes_the_tool_faster_than_requested(override, turns):
     """Joints that cannot brake as soon as the timing asks for brake before that; the path would have to go faster."""
     robot = iq.load_robot("ur5")
     q = ready("ur5")
@@ -208,7 +208,7 @@ def test_a_push_at_the_very_start_leaves_numbers():
 
 @pytest.mark.cases(1)
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_path_shorter_than_the_tool_is_off_it_ends(seed):
+def test_a_path_shorter_than_the_tool_error_ends(seed):
     robot = arm_of(3)
     q = np.array([-1.3277, -1.3868, 0.24])
     home = robot.pose(q)
@@ -227,7 +227,7 @@ def test_a_path_shorter_than_the_tool_is_off_it_ends(seed):
     assert last.status in ("done", "blocked")  # three joints cannot be at every pose
 
 
-def test_it_looks_as_far_in_a_long_tick_as_in_many_short_ones():
+def test_the_search_advances_with_time_not_with_ticks():
     robot = iq.load_robot("ur5")
     q = ready("ur5")
     follower = follower_on(robot, straight(robot.pose(q), 0.0, 0.2, 0.0), dt=0.01)
@@ -238,7 +238,7 @@ def test_it_looks_as_far_in_a_long_tick_as_in_many_short_ones():
 @pytest.mark.cases(1)
 @pytest.mark.filterwarnings("ignore:gain=1 is 1 1/s here")
 @pytest.mark.parametrize("gain", [1.0, None])
-def test_an_arm_that_cannot_get_to_the_start_is_blocked(gain):
+def test_a_start_out_of_reach_is_reported_as_blocked(gain):
     robot, q = iq.load_robot("panda"), ready("panda")
     home, ends = robot.pose(q), []
     for start in (np.array([-0.1, 0.05, -0.1]), 1.5 * home[:3, 3]):
@@ -261,8 +261,8 @@ def test_a_tool_speed_holds_on_the_way_to_the_path(joint_jerk):
     assert 0.099 < max(np.linalg.norm(s[3:] + np.cross(s[:3], p)) for s, p in twists) <= 0.1 * (1.0 + 1e-9)
 
 
-@pytest.mark.parametrize("told", [True, False])
-def test_what_comes_at_a_path_is_made_way_for_and_the_path_goes_on(told):
+@pytest.mark.parametrize("declared", [True, False])
+def test_an_obstacle_at_a_path_is_avoided_and_the_path_goes_on(declared):
     arm, q, dt, speed, a = iq.load_robot("ur5"), np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0]), 0.01, 0.1, 8.0
     start, ball = arm.pose(q), iq.limits.Sphere([0.0, 0.0, 0.0], 0.08, name="ball")
     clear = iq.limits.Clearance(arm, {"tool": [iq.limits.Sphere([0.0, 0.0, -0.02], 0.05)]}, [ball])
@@ -274,7 +274,7 @@ def test_what_comes_at_a_path_is_made_way_for_and_the_path_goes_on(told):
         t = dt * tick
         place, along = (0.2 - speed * min(t, 1.0), -speed) if t < 2.0 else (0.1 + speed * min(t - 2.0, 1.0), speed)
         twist = [0.0, 0.0, 0.0, 0.0, along if t < 1.0 or 2.0 < t < 3.0 else 0.0, 0.0]
-        ball.move(iq.transform(translation=start[:3, 3] + [0.02, place, 0.01]), twist if told else None)
+        ball.move(iq.transform(translation=start[:3, 3] + [0.02, place, 0.01]), twist if declared else None)
         solution = follower.step(q)
         assert (np.abs(solution.velocity - x) <= a * dt + 1e-9).all()
         x = solution.velocity
@@ -283,7 +283,7 @@ def test_what_comes_at_a_path_is_made_way_for_and_the_path_goes_on(told):
         said.add(str(solution.status))
         if solution.status == "done":
             break
-    assert least > 0.02 - speed * dt * (1.0 if told else 11.0) - speed**2 / (2.0 * 0.3 * a * 0.4)
+    assert least > 0.02 - speed * dt * (1.0 if declared else 11.0) - speed**2 / (2.0 * 0.3 * a * 0.4)
     assert {"waiting", "done"} <= said
     np.testing.assert_allclose(arm.pose(q), end, atol=1e-9)
 
@@ -312,7 +312,7 @@ class Breaks(iq.limits.Limit):
 @pytest.mark.parametrize("method", ["rows", "after"])
 @pytest.mark.parametrize("calls", [30, 31])  # of the loop for twists, and of that for joint velocities
 @pytest.mark.parametrize("error", [RuntimeError("mine"), KeyboardInterrupt()])
-def test_what_a_limit_raises_comes_through_and_the_follower_goes_on(panda, method, calls, error):
+def test_an_exception_of_a_limit_reaches_the_caller_and_the_follower_goes_on(panda, method, calls, error):
     limit = Breaks(method, error, calls)
     follower = iq.Follower(iq.Controller(panda, dt=0.004, acceleration_limit=10.0, limits=[limit]))
     q, raised, first = ready("panda"), [], []

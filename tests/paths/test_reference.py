@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from invariantqp.paths.reference import DELAY, Clock, Clocked, Reference, Stream, planned
-from invariantqp.paths.time_law import JointLimits
+from invariantqp.paths.joint_limits import JointLimits
+from invariantqp.paths.reference import Reference, RetimedMotion, TimeScaling
+from invariantqp.paths.smoothing import DELAY_CYCLES, SampleSmoother, smoothed_motion
 
 REST = np.zeros((3, 3))
 CALM = 0.053
@@ -26,18 +27,18 @@ def differences_agree(source, a, b, tolerance):
 def test_derivatives_are_derivatives(seed):
     rng = np.random.default_rng(seed)
     stamps = np.cumsum(rng.uniform(0.05, 0.15, 12))
-    points = planned(REST, 0.0, stamps, 0.1 * rng.normal(size=(12, 3)), LIMITS, CALM)
+    points = smoothed_motion(REST, 0.0, stamps, 0.1 * rng.normal(size=(12, 3)), LIMITS, CALM)
     differences_agree(points, points.start + 0.01, points.end - 0.01, 1e-4)
-    differences_agree(Clocked(points, Clock(0.3, 0.2, 0.4, 0.1, 0.9, 0.5)), 0.31, 1.0, 1e-4)
+    differences_agree(RetimedMotion(points, TimeScaling(0.3, 0.2, 0.4, 0.1, 0.9, 0.5)), 0.31, 1.0, 1e-4)
 
 
 @pytest.mark.parametrize("seed", range(10))
 @pytest.mark.parametrize("over", [False, True])
-def test_a_plan_goes_on_from_its_state_keeps_the_limits_and_ends_at_rest(seed, over):
+def test_a_plan_continues_its_state_keeps_the_limits_and_ends_at_rest(seed, over):
     rng = np.random.default_rng([seed, over])
     state = np.array([0.3 * rng.normal(size=3), rng.uniform(-1.5, 1.5, 3), rng.uniform(-4.0, 4.0, 3)])
     stamps = 1.0 + np.cumsum(rng.uniform(0.03, 0.1, 12)) - (1.5 if over else 0.2)
-    plan = planned(state, 1.0, stamps, 0.3 * rng.normal(size=3) + 0.02 * rng.normal(size=(12, 3)), LIMITS, CALM)
+    plan = smoothed_motion(state, 1.0, stamps, 0.3 * rng.normal(size=3) + 0.02 * rng.normal(size=(12, 3)), LIMITS, CALM)
     at = plan.at(np.linspace(1.0, plan.end, 4001))
     assert np.abs(at[0, :3] - state).max() < 1e-9
     for k, limit in enumerate((LIMITS.velocity, LIMITS.acceleration, LIMITS.jerk), start=1):
@@ -47,15 +48,15 @@ def test_a_plan_goes_on_from_its_state_keeps_the_limits_and_ends_at_rest(seed, o
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_no_motion_is_nearer_to_the_points_with_as_little_jerk(seed):
+def test_a_plan_minimises_error_and_jerk(seed):
     """Where nothing is eased: other motions from the same state to rest cost more."""
     rng = np.random.default_rng(seed)
     stamps = np.arange(1, 21) * 0.05
     points = (0.1 * np.sin(3.0 * stamps) + 0.002 * rng.normal(size=20))[:, None] * np.ones(3)
-    plan = planned(REST, 0.0, stamps, points, LIMITS, CALM)
+    plan = smoothed_motion(REST, 0.0, stamps, points, LIMITS, CALM)
     most = np.full(3, np.inf)
     wide = JointLimits(-most, most, most, most, most, 0.0)
-    assert np.abs(planned(REST, 0.0, stamps, points, wide, CALM).coefficients - plan.coefficients).max() < 1e-12
+    assert np.abs(smoothed_motion(REST, 0.0, stamps, points, wide, CALM).coefficients - plan.coefficients).max() < 1e-12
     # In the first second the points alone decide: a bump there, zero with its first two derivatives at its ends.
     t = np.linspace(0.0, 1.0, 20001)
 
@@ -80,45 +81,47 @@ def test_no_motion_is_nearer_to_the_points_with_as_little_jerk(seed):
 def test_a_splice_is_continuous_to_the_second_derivative(seed):
     rng = np.random.default_rng(seed)
     stamps = np.arange(10) * 0.1
-    old = planned(REST, 0.0, stamps, 0.05 * rng.normal(size=(10, 3)).cumsum(axis=0), LIMITS, CALM)
-    new = planned(REST, 0.35, stamps + 0.35, old.at(stamps + 0.35)[:, 0] + 0.03 * rng.normal(size=3), LIMITS, CALM)
+    old = smoothed_motion(REST, 0.0, stamps, 0.05 * rng.normal(size=(10, 3)).cumsum(axis=0), LIMITS, CALM)
+    new = smoothed_motion(
+        REST, 0.35, stamps + 0.35, old.at(stamps + 0.35)[:, 0] + 0.03 * rng.normal(size=3), LIMITS, CALM
+    )
     reference = Reference(LIMITS, old.at(np.array((0.0,)))[0, 0], 0.0)
     reference.splice(old, 0.0, old.at(np.array((0.0,)))[0, :3], 0.25)
     now = np.array((0.5,))
     before = reference.at(now[0])[:3]
     if reference.splice(new, 0.5, before, 0.25):
         assert np.abs(reference.at(now[0])[:3] - before).max() < 1e-9
-        after = np.linspace(reference.joined, reference.joined + 1.0, 50)
+        after = np.linspace(reference.splice_end, reference.splice_end + 1.0, 50)
         assert all((reference.at(t) == new.at((t,))[0]).all() for t in after)
 
 
-def test_a_plan_takes_no_parabola_off_its_way_delays_nothing_and_smooths_noise():
+def test_a_plan_reproduces_a_parabola_without_delay_and_smooths_noise():
     rng = np.random.default_rng(1)
     stamps = np.cumsum(rng.uniform(0.02, 0.06, 60))
     state = np.array([np.arange(3), 0.3 * np.ones(3), -0.2 * np.ones(3)])
     curve = (0.3 * stamps - 0.1 * stamps**2)[:, None] + np.arange(3)
-    assert np.abs(planned(state, 0.0, stamps, curve, LIMITS, CALM).at(stamps)[:-5, 0] - curve[:-5]).max() < 2e-4
+    assert np.abs(smoothed_motion(state, 0.0, stamps, curve, LIMITS, CALM).at(stamps)[:-5, 0] - curve[:-5]).max() < 2e-4
     slow = 0.1 * np.sin(2.0 * np.pi * 0.5 * stamps)[:, None] * np.ones(3)
     state = np.array([0.0, 0.1 * np.pi, 0.0])[:, None] * np.ones(3)
-    assert np.abs(planned(state, 0.0, stamps, slow, LIMITS, CALM).at(stamps)[:-5, 0] - slow[:-5]).max() < 2e-4
+    assert np.abs(smoothed_motion(state, 0.0, stamps, slow, LIMITS, CALM).at(stamps)[:-5, 0] - slow[:-5]).max() < 2e-4
     noise = 0.01 * rng.normal(size=(60, 3))
-    assert planned(REST, 0.0, stamps, noise, LIMITS, CALM).at(stamps)[:, 0].std() < 0.75 * noise.std()
+    assert smoothed_motion(REST, 0.0, stamps, noise, LIMITS, CALM).at(stamps)[:, 0].std() < 0.75 * noise.std()
 
 
 @pytest.mark.parametrize(("hertz", "noise", "off", "jerk"), [(2.5, 0.0, 0.03, 1.6), (0.5, 1e-3, 0.012, 9.0)])
-def test_a_quick_clean_hand_is_followed_closely_and_a_slow_noisy_one_calmly(hertz, noise, off, jerk):
+def test_smoothing_adapts_to_the_noise_of_a_hand(hertz, noise, off, jerk):
     """Off and jerk (rms) as shares of the hand's; joints in radians and in thousandths."""
     rng, rate, followed = np.random.default_rng(3), 60.0, []
     w, streams, plans = (
         2.0 * np.pi * hertz,
-        [Stream(3.0, 0.0, 0.0, scale * np.zeros(3), 0.0) for scale in (1.0, 1e3)],
+        [SampleSmoother(3.0, 0.0, 0.0, scale * np.zeros(3), 0.0) for scale in (1.0, 1e3)],
         [None, None],
     )
     for i in range(1, 600):
         sample = 0.1 * np.sin(w * i / rate) + noise * rng.normal(size=3)
         for k, scale in enumerate((1.0, 1e3)):
-            streams[k].add(i / rate, scale * sample, 0.0, anew=False)
-            plans[k] = streams[k].planned(plans[k], i / rate)
+            streams[k].add(i / rate, scale * sample, 0.0, restarts=False)
+            plans[k] = streams[k].motion(plans[k], i / rate)
         here = [plan.at(i / rate + np.arange(8) / (8.0 * rate))[:, [0, 3]] for plan in plans]
         np.testing.assert_allclose(1e3 * here[0], here[1], rtol=1e-6, atol=1e-3)
         followed.append(here[0])
@@ -129,21 +132,21 @@ def test_a_quick_clean_hand_is_followed_closely_and_a_slow_noisy_one_calmly(hert
 
 
 @pytest.mark.parametrize("rate", [30.0, 60.0, 90.0])
-def test_samples_of_a_hand_are_followed_smoothly_and_as_late_as_is_told(rate):
+def test_samples_are_followed_smoothly_with_the_reported_delay(rate):
     rng = np.random.default_rng(int(rate))
     stream, plan, late, off = None, None, 0.02, []
     for i in range(200):
         stamp = i / rate
         sample = np.sin(stamp) + 0.001 * rng.normal(size=3)
         if stream is None:
-            stream = Stream(3.0, 0.0, stamp, sample, late)
+            stream = SampleSmoother(3.0, 0.0, stamp, sample, late)
         else:
-            stream.add(stamp, sample, late, anew=False)
+            stream.add(stamp, sample, late, restarts=False)
         now = np.array((stamp + late,))
-        before, plan = plan, stream.planned(plan, now[0])
+        before, plan = plan, stream.motion(plan, now[0])
         if before is not None:
             assert np.abs(plan.at(now)[0, :3] - before.at(now)[0, :3]).max() < 1e-9
         if i > 40:
             off.append(plan.at(now)[0, 0] - np.sin(stamp + late - stream.late))
-    assert stream.late == pytest.approx(late + max(DELAY / 3.0, 2.0 / rate))
+    assert stream.late == pytest.approx(late + max(DELAY_CYCLES / 3.0, 2.0 / rate))
     assert np.sqrt(np.mean(np.square(off))) < 1e-3  # the noise that came in

@@ -49,7 +49,7 @@ def wrong_at(bed, rate, which, by=1.0):
 
 
 @STREAMS
-def test_one_wrong_sample_is_as_if_it_had_not_come(kind, name, dt, rate, sign):
+def test_one_outlier_is_dropped(kind, name, dt, rate, sign):
     bed = Bed(kind, name, dt, sign)
     good = fed(bed, lambda t: None if round(t * rate) == rate else moving(bed, t), rate, 2.0)
     for by in (1.0, -1.0):
@@ -63,7 +63,7 @@ def test_one_wrong_sample_is_as_if_it_had_not_come(kind, name, dt, rate, sign):
 
 
 @STREAMS
-def test_of_two_wrong_samples_in_a_row_the_second_is_believed(kind, name, dt, rate, sign):
+def test_of_two_outliers_in_a_row_the_second_is_accepted(kind, name, dt, rate, sign):
     bed = Bed(kind, name, dt, sign)
     Q, _, answers = fed(bed, lambda t: moving(bed, min(t, 1.0)) + (0.6 * bed.axis if t >= 1.0 else 0.0), rate, 4.0)
     assert 0 < sum("dropped" in a.reason for a in answers) <= np.ceil(1.0 / rate / dt) + 1
@@ -91,7 +91,7 @@ def test_samples_inside_the_speed_limits_are_never_dropped(kind, name, dt, rate,
 
 @pytest.mark.parametrize("approach", [1 / 3, 0.1, 1.0])
 @STREAMS
-def test_the_way_to_the_first_sample_takes_a_third_of_the_speed_limits(kind, name, dt, rate, sign, approach):
+def test_the_approach_to_the_first_sample_uses_a_third_of_the_speed_limits(kind, name, dt, rate, sign, approach):
     bed = Bed(kind, name, dt, sign)
     Q, V, answers = fed(bed, lambda t: bed.start + sign * 1.2 * bed.axis, rate, 2.5, approach=approach)
     share = np.abs(V) / bed.robot.velocity_limit
@@ -100,7 +100,7 @@ def test_the_way_to_the_first_sample_takes_a_third_of_the_speed_limits(kind, nam
     said = answers[round(0.3 / dt)]
     assert (said.status, said.reason) == (
         "late",
-        f"on the way to what is followed, at most {approach:.2g} of the speed limits",
+        f"on the way to the input, at most {approach:.2g} of the speed limits",
     )
     if approach > 0.2:
         assert answers[-1].status == "moving"
@@ -109,7 +109,7 @@ def test_the_way_to_the_first_sample_takes_a_third_of_the_speed_limits(kind, nam
 
 
 @STREAMS
-def test_a_stream_that_goes_on_elsewhere_after_a_gap_is_approached_as_slowly(kind, name, dt, rate, sign):
+def test_after_a_gap_a_stream_is_approached_at_a_third_of_the_speed_limits(kind, name, dt, rate, sign):
     """A clutch that closes far away."""
     bed = Bed(kind, name, dt, sign)
 
@@ -178,7 +178,7 @@ def test_a_leader_beyond_a_joint_limit_is_followed_to_the_limit_where_the_arm_re
     assert len({str(a.status) for a in answers[-last:]}) == 1
 
 
-def test_a_rate_that_is_slower_than_the_ticks_is_no_reason_to_drop():
+def test_no_sample_of_a_slow_stream_is_dropped():
     """Samples of 10 Hz that move at half the limit, in ticks of 2 ms, without stamps and with jitter."""
     bed, random, q = Bed("joints", "ur5", 0.002, 1), np.random.default_rng(1), np.array(ARMS["ur5"][0])
     follower, due, said = iq.Follower(bed.loop, jerk=bed.jerk, timeout=0.5), 0.0, []

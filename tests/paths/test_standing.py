@@ -35,7 +35,7 @@ def test_the_arm_starts_from_rest_and_goes_to_where_its_input_is(kind, name, dt,
 
 @pytest.mark.parametrize("kind", ["joints", "goal of a pose", "step"])
 @pytest.mark.parametrize("noise", [1e-5, 3e-4])
-def test_readings_that_scatter_do_not_look_like_motion(kind, noise):
+def test_noise_is_not_taken_for_motion(kind, noise):
     bed, random = Bed(kind, "ur5", 0.002, 1), np.random.default_rng(2)
     trace = bed.run(2.5, stands=STOP, reads=lambda q, k: q + noise * random.normal(size=6))
     V = moved(trace, bed.dt, STOP)[round(STOP[1] / bed.dt) - 1 :]
@@ -45,7 +45,7 @@ def test_readings_that_scatter_do_not_look_like_motion(kind, noise):
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("dt", [0.001, 0.002, 0.01])
-def test_the_end_of_a_stop_is_seen_through_noise(kind, dt):
+def test_the_end_of_a_stop_is_detected_through_noise(kind, dt):
     """Although the first commands from rest are nearly nothing where jerk is limited."""
     bed, random, stop = Bed(kind, "panda", dt, -1), np.random.default_rng(4), (0.2, 0.8)
     trace = bed.run(1.2, stands=stop, reads=lambda q, k: q + 1e-4 * random.normal(size=7))
@@ -55,7 +55,7 @@ def test_the_end_of_a_stop_is_seen_through_noise(kind, dt):
 
 
 @pytest.mark.parametrize("kind", ["chunks of joints", "poses", "path", "step"])
-def test_an_arm_that_lags_behind_its_commands_is_no_arm_that_stands(kind):
+def test_an_arm_that_lags_is_not_taken_for_one_that_stands(kind):
     """First-order lag of 50 ms, joints of a fifth of the usual speed, and a command of nothing."""
     bed = Bed(kind, "ur5", 0.01, 1)
     speed, q, answers = np.zeros(6), bed.start.copy(), []
@@ -73,7 +73,7 @@ def test_an_arm_that_lags_behind_its_commands_is_no_arm_that_stands(kind):
     assert not any("no motion measured" in a.reason for a in answers)
 
 
-def test_an_arm_that_is_asked_to_rest_does_not_stand():
+def test_an_arm_commanded_to_rest_has_no_fault():
     bed = Bed("step", "panda", 0.01, 1)
     for _ in range(100):
         answer = bed.loop.step(bed.start, bed.pose(0.0))
@@ -93,7 +93,7 @@ def test_one_joint_that_is_blocked_is_named_and_the_others_move():
     assert answer.reason.startswith("no motion measured of joint 1 (")
 
 
-def test_a_stop_is_seen_within_a_fifth_of_a_second_and_its_end_at_once():
+def test_a_stop_is_detected_within_a_fifth_of_a_second_and_its_end_at_once():
     for dt in (0.002, 0.01, 0.033):
         bed = Bed("step", "ur5", dt, 1)
         trace = bed.run(1.3, stands=(0.5, 1.0))
@@ -103,7 +103,7 @@ def test_a_stop_is_seen_within_a_fifth_of_a_second_and_its_end_at_once():
         assert last * dt <= 1.0 + max(0.05, 4.0 * dt)
 
 
-def test_a_copy_of_a_loop_that_stands_goes_on_as_the_loop_does():
+def test_a_copy_of_a_stopped_loop_continues_alike():
     bed = Bed("step", "panda", 0.01, 1)
     bed.run(0.9, stands=(0.4, 2.0))
     other = copy(bed.loop)
@@ -114,7 +114,7 @@ def test_a_copy_of_a_loop_that_stands_goes_on_as_the_loop_does():
 
 
 @pytest.mark.parametrize("way", ["no velocity given", "velocity given"])
-def test_a_velocity_that_is_given_is_believed(way):
+def test_a_given_velocity_is_used(way):
     """Who measures the velocity says that the arm stands; nothing is concluded from positions."""
     bed = Bed("twist", "ur5", 0.002, 1)
     follower, feed = bed.follower(bed.start)

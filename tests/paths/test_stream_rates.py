@@ -22,7 +22,7 @@ def driven(name, rate, kind, *, seed=0, jitter=0.0, lost=0.0, stamped=True, dt=0
     stamps = np.arange(0.1, END, 1.0 / rate)
     came = [(t + 0.02 + jitter * random.random(), t) for t in stamps if random.random() >= lost or t == stamps[0]]
     came.sort()
-    last, told = came[-1], []
+    last, reports = came[-1], []
     for k in range(round((END + 1.5) / dt)):
         now = k * dt
         while came and came[0][0] <= now:
@@ -34,8 +34,8 @@ def driven(name, rate, kind, *, seed=0, jitter=0.0, lost=0.0, stamped=True, dt=0
                 follower.add(robot.pose(where) if kind == "poses" else where, stamp)
         solution = follower.step(q, now=now)
         q = q + dt * solution.velocity
-        told.append((now, str(solution.status), np.abs(solution.velocity).max()))
-    return told, last[0], last[1] + 1.0 / rate + 0.02 + 0.5 * jitter
+        reports.append((now, str(solution.status), np.abs(solution.velocity).max()))
+    return reports, last[0], last[1] + 1.0 / rate + 0.02 + 0.5 * jitter
 
 
 @pytest.mark.parametrize("kind", ["poses", "joints", "twist"])
@@ -44,23 +44,23 @@ def driven(name, rate, kind, *, seed=0, jitter=0.0, lost=0.0, stamped=True, dt=0
 def test_the_arm_goes_on_and_rests_at_the_end(kind, rate, jitter, lost):
     for seed in range(repeats(20, 2)):
         name = ARMS[(seed + round(rate)) % 4]
-        told, last, expected = driven(name, rate, kind, seed=seed, jitter=jitter, lost=lost, stamped=seed % 2 == 0)
-        begins = 0.8 if kind == "twist" else next(now for now, status, _ in told if status != "waiting")
-        during = [status for now, status, _ in told if begins < now < last]
+        reports, last, expected = driven(name, rate, kind, seed=seed, jitter=jitter, lost=lost, stamped=seed % 2 == 0)
+        begins = 0.8 if kind == "twist" else next(now for now, status, _ in reports if status != "waiting")
+        during = [status for now, status, _ in reports if begins < now < last]
         assert "waiting" not in during
-        assert min(speed for now, _, speed in told if 1.0 < now < min(last, 2.0)) > 0.01
-        assert max(speed for now, _, speed in told if now > expected + 0.7) < 1e-3
-        assert told[-1][1] == "waiting"
+        assert min(speed for now, _, speed in reports if 1.0 < now < min(last, 2.0)) > 0.01
+        assert max(speed for now, _, speed in reports if now > expected + 0.7) < 1e-3
+        assert reports[-1][1] == "waiting"
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_a_stream_of_10_hz_is_followed_as_calmly_as_one_of_30(name):
+def test_a_stream_of_10_hz_is_followed_as_smoothly_as_one_of_30(name):
     """It stopped and went at each sample: 45 changes of status in 6 s, jerk 250 times as high."""
     jerks = []
     for rate in (10.0, 30.0):
-        told, last, _ = driven(name, rate, "poses", dt=0.004)
-        assert {status for now, status, _ in told if 0.8 < now < last} == {"moving"}
-        speeds = np.array([speed for now, _, speed in told if 0.8 < now < last])
+        reports, last, _ = driven(name, rate, "poses", dt=0.004)
+        assert {status for now, status, _ in reports if 0.8 < now < last} == {"moving"}
+        speeds = np.array([speed for now, _, speed in reports if 0.8 < now < last])
         jerks.append(np.abs(np.diff(speeds, 2)).max() / 0.004**2)
     assert jerks[0] < 1.5 * jerks[1] + 5.0
 
@@ -84,7 +84,7 @@ def test_samples_without_stamps_at_a_steady_speed_are_followed_at_that_speed(rat
     assert np.array(speeds[round(1.0 / dt) :]) == pytest.approx(0.1, abs=scatter)
 
 
-def test_how_long_the_next_item_is_waited_for():
+def test_the_timeout_of_a_stream():
     for first in (0.1, 0.4):
         arrivals = Arrivals(0.1, first)
         arrivals.add(7.0)
@@ -100,7 +100,7 @@ def test_how_long_the_next_item_is_waited_for():
     assert arrivals.timeout == 0.1
 
 
-def test_a_fast_stream_that_becomes_slow_is_learnt():
+def test_the_timeout_adapts_to_a_stream_that_becomes_slow():
     times, late, arrivals = [*np.arange(0.0, 1.0, 0.01), *np.arange(1.05, 3.0, 0.1)], 0, Arrivals(0.1, 0.1)
     for before, now in pairwise(times):
         arrivals.add(before)

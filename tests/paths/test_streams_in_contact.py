@@ -40,7 +40,7 @@ class Cell:
         )
         self.follower = iq.Follower(self.loop, jerk=50.0 * ACCELERATION)
         self.in_flight = deque([np.zeros(len(self.q))] * round(delay / dt))
-        self.told, self.press, self.tips, self.joints = [], [], [], [self.q]
+        self.solutions, self.press, self.tips, self.joints = [], [], [], [self.q]
         first = np.cross(self.normal, [1.0, 0.0, 0.0])
         self.along = np.array((first / np.linalg.norm(first), np.cross(self.normal, first) / np.linalg.norm(first)))
 
@@ -55,14 +55,14 @@ class Cell:
     def tick(self, count=1, **more):
         for _ in range(count):
             wrench = self.wrench()
-            told = self.follower.step(self.q, now=self.now, **{"wrench": wrench} | more)
-            self.in_flight.append(told.velocity)
+            solution = self.follower.step(self.q, now=self.now, **{"wrench": wrench} | more)
+            self.in_flight.append(solution.velocity)
             self.q, self.now = self.q + self.dt * self.in_flight.popleft(), self.now + self.dt
-            self.told.append(told)
+            self.solutions.append(solution)
             self.press.append(-self.normal @ wrench[3:])
             self.tips.append(self.tip)
             self.joints.append(self.q)
-        return told
+        return solution
 
     def way(self, t, size=0.04):
         """(2,) along the surface, from rest after a second."""
@@ -97,13 +97,13 @@ class Cell:
         off = []
         for k in range(start, start + count):
             self.sent(kind, k, depth)
-            told = self.tick(**more)
-            off.append(np.linalg.norm(self.along @ (self.tip - self.start[:3, 3]) - self.way(self.now - told.late)))
+            solution = self.tick(**more)
+            off.append(np.linalg.norm(self.along @ (self.tip - self.start[:3, 3]) - self.way(self.now - solution.late)))
         return np.array(off)
 
     def check(self, press=0.03, start=TOUCHED, acceleration=ACCELERATION):
         """Limits of the joints are kept, and from a tick on the press is as wanted."""
-        robot, velocity = self.robot, np.array([told.velocity for told in self.told])
+        robot, velocity = self.robot, np.array([solution.velocity for solution in self.solutions])
         assert (np.abs(velocity) <= robot.velocity_limit * (1.0 + 1e-9)).all()
         jumps = np.abs(np.diff(velocity, axis=0, prepend=np.zeros((1, len(self.q))))) / self.dt
         assert jumps.max() <= acceleration * (1.0 + 1e-9)
@@ -112,8 +112,8 @@ class Cell:
         assert np.abs(np.array(self.press[start:]) / PRESS - 1.0).max() < press
 
 
-def statuses(told):
-    return {str(one.status) for one in told}
+def statuses(solutions):
+    return {str(one.status) for one in solutions}
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -124,17 +124,17 @@ def test_a_stream_slides_in_time_under_its_press(name, kind):
     cell = Cell(name)
     off = cell.driven(kind, 1000)
     assert off[300:].max() < 1e-3
-    assert statuses(cell.told[TOUCHED:]) <= {"moving", "late"}
-    assert statuses(cell.told[300:]) == {"moving"}
+    assert statuses(cell.solutions[TOUCHED:]) <= {"moving", "late"}
+    assert statuses(cell.solutions[300:]) == {"moving"}
     assert np.ptp(np.array(cell.tips[300:]) @ cell.along.T, axis=0).max() > 0.06
-    assert cell.told[-1].hybrid.intensities[0] == pytest.approx(PRESS, rel=0.02)
+    assert cell.solutions[-1].hybrid.intensities[0] == pytest.approx(PRESS, rel=0.02)
     if name != "so101" and kind != "samples":  # a turn that five joints cannot do; the newest sample is ahead
-        assert cell.told[-1].across < 1e-3
+        assert cell.solutions[-1].across < 1e-3
     cell.check()
 
 
 @pytest.mark.parametrize("depth", [-0.05, 0.1])
-def test_the_depth_of_a_stream_counts_for_nothing(depth):
+def test_the_depth_of_a_stream_has_no_effect(depth):
     cell = Cell()
     cell.tick(TOUCHED)
     off = cell.driven("chunks", 750, TOUCHED, depth=depth)
@@ -144,7 +144,7 @@ def test_the_depth_of_a_stream_counts_for_nothing(depth):
 
 @pytest.mark.parametrize("at", ["tool", "base"])
 @pytest.mark.parametrize("name", ["panda", "ur5", "so101"])
-def test_of_a_twist_the_part_along_the_surface_counts(name, at):
+def test_the_part_of_a_twist_along_the_surface_is_followed(name, at):
     cell = Cell(name)
     cell.tick(TOUCHED)
     before, v = cell.tip, 0.03 * cell.along[0] - 0.05 * cell.normal  # at more than a right angle, into the surface
@@ -155,10 +155,10 @@ def test_of_a_twist_the_part_along_the_surface_counts(name, at):
     speed = (cell.tips[-1] - cell.tips[-101]) / (100 * DT)
     assert speed == pytest.approx(0.03 * cell.along[0], abs=3e-4)
     assert cell.along @ (cell.tip - before) == pytest.approx([0.03 * 400 * DT, 0.0], abs=2e-3)
-    assert statuses(cell.told[TOUCHED:]) <= {"moving", "waiting"}
+    assert statuses(cell.solutions[TOUCHED:]) <= {"moving", "waiting"}
     cell.tick(150)
-    assert (cell.told[-1].status, str(cell.told[-1].reason)) == ("waiting", "no twist for 0.1 s")
-    assert np.abs(cell.told[-1].velocity).max() < 1e-3
+    assert (cell.solutions[-1].status, str(cell.solutions[-1].reason)) == ("waiting", "no twist for 0.1 s")
+    assert np.abs(cell.solutions[-1].velocity).max() < 1e-3
     cell.check()
 
 
@@ -175,12 +175,12 @@ def test_a_pressed_tool_turns_by_a_twist():
     cell.check()
 
 
-def test_with_dead_time_it_is_late_by_that():
+def test_a_stream_is_late_by_the_dead_time():
     cell = Cell(delay=0.02)
     cell.driven("chunks", 1000)
     off = [cell.along @ (tip - cell.start[:3, 3]) - cell.way(k * DT - 0.02) for k, tip in enumerate(cell.tips, 1)]
     assert np.abs(off[400:]).max() < 5e-4
-    assert statuses(cell.told[300:]) == {"moving"}
+    assert statuses(cell.solutions[300:]) == {"moving"}
     cell.check(press=0.1, start=300)
 
 
@@ -199,11 +199,11 @@ def test_a_function_is_followed_closely_in_long_ticks():
 
 
 @pytest.mark.parametrize("kind", ["chunks", "samples"])
-def test_a_stream_that_stops_leaves_the_tool_at_rest_and_pressing(kind):
+def test_after_the_end_of_a_stream_the_tool_rests_and_presses(kind):
     cell = Cell("ur5")
     cell.driven(kind, 500)
     cell.tick(500)
-    last = cell.told[-1]
+    last = cell.solutions[-1]
     assert last.status == ("waiting" if kind == "samples" else "done")
     assert np.abs(last.velocity).max() < 1e-3
     cell.check()
@@ -216,13 +216,13 @@ def test_another_plan_a_goal_and_the_end():
     goal[:3, 3] += 0.05 * cell.along[1]
     cell.follower.follow([goal])
     cell.tick(400)
-    assert cell.told[-1].status == "done"
+    assert cell.solutions[-1].status == "done"
     assert cell.along @ (cell.tip - goal[:3, 3]) == pytest.approx([0.0, 0.0], abs=1e-4)
     stamps = cell.now + np.array([0.5, 1.0])
     cell.follower.follow([goal, cell.start], stamps, at=cell.now)
     cell.follower.close()
     cell.tick(500)
-    assert cell.told[-1].status == "done"
+    assert cell.solutions[-1].status == "done"
     assert cell.along @ (cell.tip - cell.start[:3, 3]) == pytest.approx([0.0, 0.0], abs=1e-4)
     cell.check()
 
@@ -234,7 +234,7 @@ def test_a_pause_and_an_override_of_zero_stand_and_press(how):
     if how == "pause":
         cell.follower.pause()
     cell.driven("chunks", 200, 500, **({"override": 0.0} if how == "override" else {}))
-    assert cell.told[-1].status == "paused"
+    assert cell.solutions[-1].status == "paused"
     at = cell.tip
     cell.driven("chunks", 50, 700, **({"override": 0.0} if how == "override" else {}))
     assert np.linalg.norm(cell.tip - at) < 1e-5
@@ -254,31 +254,31 @@ def test_an_override_slows_a_twist_down():
     cell.check()
 
 
-def test_lost_contact_is_told_and_time_goes_on():
+def test_lost_contact_is_reported_and_time_goes_on():
     cell = Cell(yields=6e-3)
     cell.driven("chunks", 500)
     cell.level -= 5e-3
     off = cell.driven("chunks", 500, 500)
-    lost = [told for told in cell.told[500:] if told.status == "lost"]
+    lost = [solution for solution in cell.solutions[500:] if solution.status == "lost"]
     assert len(lost) > 20
-    assert all(told.reason.startswith("no contact for") for told in lost)
+    assert all(solution.reason.startswith("no contact for") for solution in lost)
     assert off.max() < 1e-3
-    assert cell.told[-1].status == "moving"
+    assert cell.solutions[-1].status == "moving"
     cell.check(start=900)
 
 
-def test_an_overload_is_told_and_the_stream_is_met_again_after_a_reset():
+def test_an_overload_is_reported_and_the_stream_is_met_again_after_a_reset():
     cell = Cell(retreat_distance=2e-3)
     cell.driven("chunks", 500)
     cell.level += 2e-3
     cell.driven("chunks", 300, 500)
-    assert statuses(cell.told[501:]) == {"overload"}
-    assert cell.told[-1].reason.endswith("standing still until reset")
-    assert np.abs(cell.told[-1].velocity).max() < 1e-3
+    assert statuses(cell.solutions[501:]) == {"overload"}
+    assert cell.solutions[-1].reason.endswith("standing still until reset")
+    assert np.abs(cell.solutions[-1].velocity).max() < 1e-3
     cell.loop.reset()
     off = cell.driven("chunks", 700, 800)
     assert off[-1] < 1e-3
-    assert cell.told[-1].status == "moving"
+    assert cell.solutions[-1].status == "moving"
     cell.check(start=1400)
 
 
@@ -291,10 +291,10 @@ def test_a_pushed_tool_goes_back_to_the_stream_from_where_it_is(size):
     off = cell.driven("chunks", 300, 500)
     assert off[0] == pytest.approx(size, rel=0.1)
     assert off[150:].max() < 1e-3
-    assert "late" in statuses(cell.told[500:]) or size > 0.02
-    assert cell.told[-1].status == "moving"
+    assert "late" in statuses(cell.solutions[500:]) or size > 0.02
+    assert cell.solutions[-1].status == "moving"
     if size > 0.02:  # with bounded jerk, not pulled back
-        velocity = np.array([told.velocity for told in cell.told[498:]])
+        velocity = np.array([solution.velocity for solution in cell.solutions[498:]])
         assert np.abs(np.diff(velocity, axis=0)).max() < 0.8 * ACCELERATION * DT
         assert np.abs(np.diff(velocity, 2, axis=0)).max() < 2.0 * 50.0 * ACCELERATION * DT**2  # and the press changes
     cell.check(press=0.1)
@@ -316,39 +316,39 @@ def test_an_arm_that_stood_still_goes_on_without_a_jump():
     """Stopped while the follower is stepped on: nothing accumulates."""
     cell = Cell()
     cell.driven("chunks", 400)
-    q, told = cell.q, []
+    q, solutions = cell.q, []
     for k in range(400, 700):
         cell.sent("chunks", k)
-        told.append(cell.tick())
+        solutions.append(cell.tick())
         cell.q = q
-    assert "degraded" in statuses(told)
-    assert max(np.abs(one.velocity).max() for one in told[150:]) <= 1.001 * ACCELERATION * DT
+    assert "degraded" in statuses(solutions)
+    assert max(np.abs(one.velocity).max() for one in solutions[150:]) <= 1.001 * ACCELERATION * DT
     off = cell.driven("chunks", 400, 700)
     assert off[-1] < 1e-3
-    velocity = np.array([np.zeros(7)] + [one.velocity for one in cell.told[701:]])
+    velocity = np.array([np.zeros(7)] + [one.velocity for one in cell.solutions[701:]])
     assert np.abs(np.diff(velocity, axis=0)).max() < 1.2 * ACCELERATION * DT
 
 
-def test_a_stop_that_is_told_by_its_velocity_begins_anew():
+def test_a_given_velocity_of_zero_restarts_the_reference():
     cell = Cell("ur5")
     cell.driven("chunks", 500)
-    told = cell.follower.step(cell.q, velocity=np.zeros(6), now=cell.now, wrench=cell.wrench())
-    assert np.abs(told.velocity).max() < 0.1 * ACCELERATION * DT
+    solution = cell.follower.step(cell.q, velocity=np.zeros(6), now=cell.now, wrench=cell.wrench())
+    assert np.abs(solution.velocity).max() < 0.1 * ACCELERATION * DT
 
 
-def test_joint_positions_that_cannot_be_true_are_held():
+def test_implausible_joint_positions_are_held():
     cell = Cell()
     cell.driven("chunks", 500)
-    velocity = [cell.told[-1].velocity]
+    velocity = [cell.solutions[-1].velocity]
     for _ in range(60):
-        told = cell.follower.step(cell.q + 32.0 * np.pi, now=cell.now, wrench=cell.wrench())
-        assert told.status == "held"
-        cell.q, cell.now = cell.q + DT * told.velocity, cell.now + DT
-        velocity.append(told.velocity)
+        solution = cell.follower.step(cell.q + 32.0 * np.pi, now=cell.now, wrench=cell.wrench())
+        assert solution.status == "held"
+        cell.q, cell.now = cell.q + DT * solution.velocity, cell.now + DT
+        velocity.append(solution.velocity)
     assert np.abs(np.diff(velocity, axis=0)).max() <= ACCELERATION * DT * (1.0 + 1e-9)
-    assert np.abs(told.velocity).max() == 0.0
+    assert np.abs(solution.velocity).max() == 0.0
     off = cell.driven("chunks", 240, 560)
-    assert np.abs(cell.told[500].velocity).max() < 0.5 * ACCELERATION * DT  # the press is taken up again
+    assert np.abs(cell.solutions[500].velocity).max() < 0.5 * ACCELERATION * DT  # the press is taken up again
     assert off[-1] < 1e-3
 
 
@@ -360,8 +360,8 @@ def test_the_turn_of_an_encoder_changes_no_command():
     push = 0.2 * np.eye(7)[0]
     for k in range(100):
         cell.q = cell.q + (push if k == 50 else 0.0)
-        told = other.step(cell.q + (-1) ** k * turns, now=cell.now, wrench=cell.wrench())
-        assert cell.tick().velocity == pytest.approx(told.velocity, abs=1e-9)
+        solution = other.step(cell.q + (-1) ** k * turns, now=cell.now, wrench=cell.wrench())
+        assert cell.tick().velocity == pytest.approx(solution.velocity, abs=1e-9)
 
 
 def test_joints_keep_their_limits_where_the_stream_does_not():
@@ -371,7 +371,7 @@ def test_joints_keep_their_limits_where_the_stream_does_not():
     points = q + np.outer(1.0 - np.cos(2.0 * (stamps - 1.0)), [0.8, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
     cell.follower.follow(np.minimum(points, cell.robot.position_upper), stamps)
     cell.tick(1200)
-    assert "late" in statuses(cell.told)
+    assert "late" in statuses(cell.solutions)
     cell.check(acceleration=4.0, press=0.1)
 
 
@@ -386,15 +386,17 @@ def test_the_contact_and_the_press_may_change_while_it_slides():
 
 
 @pytest.mark.parametrize("kind", ["chunks", "samples"])
-def test_copies_go_on_alike(kind):
+def test_copies_continue_alike(kind):
     cell = Cell(delay=0.02)
     cell.driven(kind, 400)
     others = [deepcopy(cell.follower), copy(cell.follower), pickle.loads(pickle.dumps(cell.follower))]
     for _ in range(50):
-        told = [other.step(cell.q, now=cell.now, wrench=cell.wrench()) for other in others]
+        solutions = [other.step(cell.q, now=cell.now, wrench=cell.wrench()) for other in others]
         mine = cell.tick()
-        assert all((other.velocity == mine.velocity).all() for other in told)
-        assert {(other.status, other.reason, other.place) for other in told} == {(mine.status, mine.reason, mine.place)}
+        assert all((other.velocity == mine.velocity).all() for other in solutions)
+        assert {(other.status, other.reason, other.place) for other in solutions} == {
+            (mine.status, mine.reason, mine.place)
+        }
 
 
 def test_a_refused_tick_leaves_the_follower_as_it_was():
@@ -413,8 +415,8 @@ def test_a_refused_tick_leaves_the_follower_as_it_was():
             with pytest.raises(iq.BadInput):
                 cell.follower.step(q, now=cell.now, **more)
     for _ in range(20):
-        told = other.step(cell.q, now=cell.now, wrench=cell.wrench())
-        assert (cell.tick().velocity == told.velocity).all()
+        solution = other.step(cell.q, now=cell.now, wrench=cell.wrench())
+        assert (cell.tick().velocity == solution.velocity).all()
 
 
 def test_bad_input_is_refused():
@@ -452,7 +454,7 @@ def test_a_stream_slides_in_mujoco_s_contact(tmp_path, kind):
     model = mujoco.MjModel.from_xml_string(GANTRY)
     model.opt.gravity[:] = 0.0
     data, random, command, force = mujoco.MjData(model), np.random.default_rng(1), np.zeros(6), np.zeros(6)
-    presses, x, told = [0.0], [], []
+    presses, x, solutions = [0.0], [], []
 
     def way(t):  # a centimetre above the table
         return iq.transform(start[:3, :3], start[:3, 3] + [0.01 * max(t - 2.0, 0.0), 0.0, 0.01])
@@ -469,9 +471,9 @@ def test_a_stream_slides_in_mujoco_s_contact(tmp_path, kind):
         q = data.qpos.copy()
         turn = robot.pose(q)[:3, :3]
         reading = np.append(turn.T @ [0.0, 0.0, presses[-1]] + random.normal(0.0, 0.1, 3), np.zeros(3))
-        told.append(follower.step(q, now=now, wrench=reading))
+        solutions.append(follower.step(q, now=now, wrench=reading))
         for _ in range(round(dt / model.opt.timestep)):
-            command = command + model.opt.timestep * told[-1].velocity
+            command = command + model.opt.timestep * solutions[-1].velocity
             data.ctrl[:] = command
             mujoco.mj_step(model, data)
         presses.append(0.0)
@@ -479,7 +481,7 @@ def test_a_stream_slides_in_mujoco_s_contact(tmp_path, kind):
             mujoco.mj_contactForce(model, data, c, force)
             presses[-1] += force[0]
         x.append(q[0])
-    assert {"fault", "overload"}.isdisjoint(statuses(told))
+    assert {"fault", "overload"}.isdisjoint(statuses(solutions))
     assert np.mean(presses[-1500:]) == pytest.approx(press, rel=0.15)  # it chatters a little
     assert np.polyfit(dt * np.arange(1000), x[-1000:], 1)[0] == pytest.approx(0.01, rel=0.05)
-    assert x[-1] == pytest.approx(0.01 * (3.0 - told[-1].late), abs=1e-3)
+    assert x[-1] == pytest.approx(0.01 * (3.0 - solutions[-1].late), abs=1e-3)

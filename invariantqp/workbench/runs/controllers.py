@@ -22,7 +22,7 @@ from invariantqp.force.contact_kinds import face_contact
 from invariantqp.force.control import HybridController
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.paths.driver import PathFollower
+from invariantqp.paths.path_follower import PathFollower
 from invariantqp.paths.solution import FollowerSolution
 from invariantqp.robots.kinematics import Robot
 from invariantqp.velocity.forms import Form

@@ -17,8 +17,8 @@ from invariantqp.control.target import Target, met_by, target_errors
 from invariantqp.force.contact_kinds import Contact
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
+from invariantqp.paths.path_drive import ENDED, SETTLING
 from invariantqp.paths.plan import ON_TIME
-from invariantqp.paths.shape import ENDED, SETTLING
 from invariantqp.paths.solution import FollowerSolution
 from invariantqp.velocity.solution import VelocitySolution
 from invariantqp.workbench.runs.path import PoseAt

@@ -20,10 +20,10 @@ def test_joints_keep_jerk_limits_and_the_tool_its_path(name, rise):
     way = CubicSpline(np.linspace(0.0, 1.0, 4), arm.start + 0.25 * rng.uniform(-1.0, 1.0, (4, len(arm.start))))
     follower = iq.PathFollower(arm.controller(), lambda u: arm.robot.pose(way(u)), joint_jerk=arm.jerk)
     follower.prepare(way(0.0))
-    told, Q, _ = drive(follower, way(0.0), 4000)
-    assert told[-1].status == "done"
+    solutions, Q, _ = drive(follower, way(0.0), 4000)
+    assert solutions[-1].status == "done"
     arm.held(Q, 1.005)  # to rounding of the last tick, whose command is no more than a millionth of a radian
-    for answer, x in zip(told[::20], Q[1::20], strict=False):
+    for answer, x in zip(solutions[::20], Q[1::20], strict=False):
         tip, u = arm.robot.pose(x)[:3, 3], answer.place
         found = minimize_scalar(
             lambda s, tip=tip: np.linalg.norm(arm.robot.pose(way(s))[:3, 3] - tip),
@@ -33,7 +33,7 @@ def test_joints_keep_jerk_limits_and_the_tool_its_path(name, rise):
         assert found.fun < 1e-5
     fastest = iq.PathFollower(arm.controller(), lambda u: arm.robot.pose(way(u)))
     fastest.prepare(way(0.0))
-    assert len(told) * arm.dt < 1.05 * fastest.plan.motion.end + 3.0 * rise
+    assert len(solutions) * arm.dt < 1.05 * fastest.plan.motion.end + 3.0 * rise
 
 
 def test_a_path_that_an_arm_leaves_and_rejoins_ends():
@@ -62,9 +62,9 @@ def test_a_path_that_an_arm_leaves_and_rejoins_ends():
     loop = iq.Controller(robot, dt=dt, acceleration_limit=acceleration, exact="position")
     follower = iq.PathFollower(loop, path, blocked="leave")
     follower.prepare(q)
-    told = drive(follower, q, round(20.0 / dt))[0]
-    assert told[-1].status in ("done", "blocked")
-    assert min(np.diff([s.place for s in told], prepend=0.0)) >= 0.0
+    solutions = drive(follower, q, round(20.0 / dt))[0]
+    assert solutions[-1].status in ("done", "blocked")
+    assert min(np.diff([s.place for s in solutions], prepend=0.0)) >= 0.0
 
 
 def quickest(way, V, A, J):
@@ -80,7 +80,7 @@ def quickest(way, V, A, J):
 
 @pytest.mark.cases(1)
 @pytest.mark.parametrize(("rise", "seed"), [(0.02, 0), (0.05, 1), (0.2, 2)])
-def test_a_straight_way_of_the_joints_takes_little_more_than_the_least_time(rise, seed):
+def test_a_straight_joint_path_takes_little_more_than_the_least_time(rise, seed):
     """From rest to rest, beside the S-curve of the joint that goes farthest: all joints go in proportion."""
     robot, rng = iq.load_robot("ur5"), np.random.default_rng(seed)
     q0 = np.array([0.3, -1.4, 1.8, -1.9, -1.5, 0.3]) + 0.2 * rng.normal(size=6)
@@ -93,7 +93,7 @@ def test_a_straight_way_of_the_joints_takes_little_more_than_the_least_time(rise
     assert follower.plan.motion.end < 1.03 * quickest(share, speed, 8.0, 8.0 / rise)
 
 
-def test_on_the_way_to_a_path_joints_keep_jerk_limits_too():
+def test_the_approach_to_a_path_keeps_jerk_limits():
     """From rest, and from a path that is driven: every limit, and then the path is driven to its end."""
     delay = 0.008
     arm = Arm("ur5", delay=delay)

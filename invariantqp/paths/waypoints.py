@@ -1,16 +1,17 @@
-"""From what a caller gives, poses or joint positions, to joint positions near where the arm is.
+"""Waypoints, and their inverse kinematics: joint positions each near those of the waypoint before.
 
-    poses (n, 4, 4)      solved one from the other, beginning with the arm's own joints: one branch, no leap
+    poses (n, 4, 4)      solved one from the other, beginning with the arm's own joints: one branch, no jump
     joints (n, m)        as they are, inside the position limits
     points (n, 3), targets that leave something free      the poses that meet them, each near the joints before
 
-Where a pose is out of reach its joints are the closest downhill; where that lasts, or a pose is wanted whenever joints
-get there, `Solver` looks for another branch.
+The joints for a pose out of reach are a local least squares solution. If that lasts, or the pose has no time, restarts
+look for another branch.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from math import inf
 from typing import Any
 
@@ -27,30 +28,30 @@ from invariantqp.pose.ik import PoseSearch
 from invariantqp.robots.kinematics import Robot, unwrapped
 
 # A pose missed by more than this, relative to the arm's length and in radians, is not reached.
-REACHED = 1e-4
-# A pose that is missed for this long [s] is tried from other joint positions, so far away [rad, length], in turn.
-PATIENCE = 0.2
-ELSEWHERE = (0.3, 0.6, 1.0, 1.5, 2.2)
-# A pose is not stalled while the way to it falls below this share of the farthest.
-PROGRESS = 0.9
-# Out of reach joints go no faster than this share of their limits: accelerations have to follow.
-OUTSIDE_SHARE = 0.4
-# Tries from elsewhere for each pose, at most.
-TRIES = 3
+POSE_TOLERANCE = 1e-4
+# A pose that is missed for this long [s] is solved again from joint positions so far away [rad, length], in turn.
+STALL_TIME = 0.2
+RESTART_DISTANCES = (0.3, 0.6, 1.0, 1.5, 2.2)
+# Progress towards a pose: its distance falls below this share of the largest.
+STALL_RATIO = 0.9
+# Share of the speed limits of joints on the way to poses out of reach, which leaves time for accelerations.
+UNREACHABLE_SPEED = 0.4
+# Restarts for each pose, at most.
+MAX_RESTARTS = 3
 
 
-class Given:
-    """What a caller gave: points of one kind, with stamps.
+class Waypoints:
+    """Points of one kind, as a caller gave them.
 
     Attributes:
         poses: (n, 4, 4), or None.
         joints: (n, m), or None.
-        targets: n of them that leave something free, or None; `Solver.posed` makes poses of them.
-        missed: (n,) by how much poses that were made so miss their targets [length], or None.
+        targets: n of them that leave something free, or None; `WaypointIK.with_poses` makes poses of them.
+        missed: (n,) by how much these poses miss the targets [length], or None.
     """
 
     def __init__(self, points: Any, m: int, name: str) -> None:
-        """Checked.
+        """Check the points.
 
         Raises:
             BadInput: neither poses nor joint positions nor targets.
@@ -81,19 +82,17 @@ class Given:
 
     @property
     def places(self) -> Array:
-        """(k, 3) where points of the tool are to be; none of joints."""
+        """(k, 3) positions wanted of points of the tool; none of joints."""
         if self.poses is not None:
             return self.poses[:, :3, 3]
         found = [target.point for target in self.targets or () if target.point is not None]
         return np.array(found).reshape(-1, 3)
 
-    def chosen(self, which: slice) -> Given:
-        """Those alone that are chosen."""
-        new = Given.__new__(Given)
-        new.poses = None if self.poses is None else self.poses[which]
-        new.joints = None if self.joints is None else self.joints[which]
-        new.targets = None if self.targets is None else self.targets[which]
-        new.missed = None if self.missed is None else self.missed[which]
+    def chosen(self, which: slice) -> Waypoints:
+        """Some of the points."""
+        new = copy(self)
+        for name, points in vars(self).items():
+            setattr(new, name, None if points is None else points[which])
         return new
 
     def pose_at(self, time: float, stamps: Array, robot: Robot) -> Array:
@@ -104,16 +103,16 @@ class Given:
         if self.poses is None:
             joints = np.asarray(self.joints)
             return np.asarray(robot.pose((1.0 - share) * joints[i] + share * joints[j]))
-        way = se3.displacement(self.poses[i], self.poses[j])
-        between: Array = se3.exp(share * way, check=False).dot(self.poses[i])
+        displacement = se3.displacement(self.poses[i], self.poses[j])
+        between: Array = se3.exp(share * displacement, check=False).dot(self.poses[i])
         return between
 
 
-class Solver:
-    """Joint positions for points, each near the one before."""
+class WaypointIK:
+    """Joint positions for waypoints, each near the one before."""
 
     def __init__(self, controller: Controller, tolerance: float) -> None:
-        """For a loop's arm and what it meets exactly; a pose missed by more than `tolerance` is not reached."""
+        """For a loop's arm and exact demands; a pose missed by more than `tolerance` is not reached."""
         self._loop = controller
         self._lower, self._upper = controller.box.position_lower, controller.box.position_upper
         self._tolerance = tolerance
@@ -124,9 +123,9 @@ class Solver:
         self._tried = 0
 
     def pose(self, target: Array, near: Array, time: float, step: float) -> tuple[Array, float]:
-        """(m,) joint positions for a pose that is wanted at a time [s], and by how much it is missed [length].
+        """(m,) joint positions for a pose at a time [s], and by how much they miss it [length].
 
-        Near (m,) is where the joints are `step` [s] before; inf is as long as they need.
+        The joints are near (m,) `step` [s] before; inf gives them as long as they need.
         """
         reached, missed = self._search.descend(target, near), 0.0
         if reached is None:
@@ -137,25 +136,25 @@ class Solver:
             self._stalled = None
             return reached, 0.0
         if step == inf:
-            other = next((q for _ in ELSEWHERE if (q := self._elsewhere(target, near)) is not None), None)
+            other = next((q for _ in RESTART_DISTANCES if (q := self._restarted(target, near)) is not None), None)
             return (reached, missed) if other is None else (other, 0.0)
-        far = reached if missed <= self._tolerance else None  # which joints do not get to in a step
-        q = self._nearer(target, near, step)
+        far = reached if missed <= self._tolerance else None  # too far for a step
+        q = self._stepped(target, near, step)
         missed = task_error(self._loop, q, self._loop.robot.target(target)).off
-        if self._stalled is None or time < self._stalled[0] or missed < PROGRESS * self._stalled[1]:
+        if self._stalled is None or time < self._stalled[0] or missed < STALL_RATIO * self._stalled[1]:
             self._stalled = time, missed
             self._tried = 0
             return q, missed
         self._stalled = self._stalled[0], max(missed, self._stalled[1])
-        if time - self._stalled[0] >= PATIENCE * (1 + self._tried // len(ELSEWHERE)):
-            other = self._elsewhere(target, near) if far is None else far
+        if time - self._stalled[0] >= STALL_TIME * (1 + self._tried // len(RESTART_DISTANCES)):
+            other = self._restarted(target, near) if far is None else far
             if other is not None:
                 self._stalled = None
                 return other, 0.0
         return q, missed
 
-    def points(self, given: Given, near: Array, times: Array, before: float | None = None) -> tuple[Array, Array]:
-        """(n, m) joint positions for points wanted at times (n,), and (n,) by how much each is missed.
+    def points(self, given: Waypoints, near: Array, times: Array, before: float | None = None) -> tuple[Array, Array]:
+        """(n, m) joint positions for waypoints at times (n,), and (n,) by how much each is missed.
 
         The joints are near (m,) at the time `before`; None is any time before.
         """
@@ -178,10 +177,10 @@ class Solver:
             missed = np.maximum(missed, given.missed)
         return np.clip(answer, self._lower, self._upper), missed
 
-    def posed(self, given: Given, near: Array, *, leaps: bool) -> Given:
-        """Poses in place of targets that leave something free: each the nearest, downhill from the joints (m,) before.
+    def with_poses(self, given: Waypoints, near: Array, *, leaps: bool) -> Waypoints:
+        """Poses in place of targets that leave something free, each near the joints (m,) before.
 
-        With `leaps` the first is looked for elsewhere, too, where it is not reached so.
+        With `leaps` the first is also solved from other joint positions if it is not reached.
         """
         if given.targets is None:
             return given
@@ -189,7 +188,7 @@ class Solver:
         new.targets, new.poses, new.missed = None, np.zeros((len(given), 4, 4)), np.zeros(len(given))
         for i, target in enumerate(given.targets):
             found = self._free.solve(target, near)
-            for far in ELSEWHERE if leaps and i == 0 else ():
+            for far in RESTART_DISTANCES if leaps and i == 0 else ():
                 if found.success:
                     break
                 start = near + far * self._random.uniform(-1.0, 1.0, len(near))
@@ -199,52 +198,53 @@ class Solver:
             new.poses[i] = robot.pose(near)
         return new
 
-    def _elsewhere(self, target: Array, near: Array) -> Array | None:
+    def _restarted(self, target: Array, near: Array) -> Array | None:
         """(m,) joint positions of another branch that reach a pose, or None."""
-        for _ in range(TRIES):
-            start = near + ELSEWHERE[self._tried % len(ELSEWHERE)] * self._random.uniform(-1.0, 1.0, len(near))
+        for _ in range(MAX_RESTARTS):
+            start = near + RESTART_DISTANCES[self._tried % len(RESTART_DISTANCES)] * self._random.uniform(
+                -1.0, 1.0, len(near)
+            )
             self._tried += 1
             other = self._search.solve(target, np.clip(start, self._lower, self._upper))
             if self._missed(other) <= self._tolerance:
                 return np.asarray(other.q)
         return None
 
-    def way(self, target: Array, q: Array, twist: Array | None = None) -> Array:
-        """(m,) the joint displacement by which the law leads from q (m,) to a pose (4, 4), to first order.
+    def displacement(self, target: Array, q: Array, twist: Array | None = None) -> Array:
+        """(m,) the joint displacement of the law from q (m,) to a pose (4, 4), to first order.
 
-        It is damped as in a tick of the loop. With a twist (6,), the joint velocity for that instead; both keep exact
-        demands.
+        It is damped as in a tick of the loop. With a twist (6,): the joint velocity for that. Both keep exact demands.
         """
         loop = self._loop
-        seen = task_error(loop, q, loop.robot.target(target))
+        here = task_error(loop, q, loop.robot.target(target))
         if twist is not None:
-            return self._from_rest(seen, q, twist, 1.0)
-        return self._from_rest(seen, q, loop.gain * seen.error, 1.0 / loop.gain) / loop.gain
+            return self._from_rest(here, q, twist, 1.0)
+        return self._from_rest(here, q, loop.gain * here.error, 1.0 / loop.gain) / loop.gain
 
-    def _from_rest(self, seen: TaskError, q: Array, twist: Array, h: float, **bounds: Array) -> Array:
-        """(m,) the joint velocity of a loop's first tick for a twist, damped by what it misses."""
-        first: dict[str, Any] = {"last_velocity": np.zeros(len(q)), **bounds}
-        _, missed = seen.answer(self._loop, q, twist, h, **first)
-        return seen.answer(self._loop, q, twist, h, last_residual=missed, hold_time=self._loop.dt, **first)[0]
+    def _from_rest(self, here: TaskError, q: Array, twist: Array, h: float, **bounds: Array) -> Array:
+        """(m,) the joint velocity of a loop's first tick for a twist, damped by its residual."""
+        first: dict[str, Any] = {"before": np.zeros(len(q)), **bounds}
+        _, missed = here.joint_velocity(self._loop, q, twist, h, **first)
+        return here.joint_velocity(self._loop, q, twist, h, missed=missed, held=self._loop.dt, **first)[0]
 
-    def _nearer(self, target: Array, q: Array, step: float) -> Array:
-        """(m,) joint positions as near a pose as the joints get in a step [s] by the loop's law."""
+    def _stepped(self, target: Array, q: Array, step: float) -> Array:
+        """(m,) joint positions after a step [s] of the loop's law towards a pose."""
         loop = self._loop
-        seen = task_error(loop, q, loop.robot.target(target))
-        speed = OUTSIDE_SHARE * loop.box.velocity_limit
+        here = task_error(loop, q, loop.robot.target(target))
+        speed = UNREACHABLE_SPEED * loop.box.velocity_limit
         lower = np.clip((self._lower - q) / step, -speed, 0.0)
         upper = np.clip((self._upper - q) / step, 0.0, speed)
-        x = self._from_rest(seen, q, seen.error / step, step, lower=lower, upper=upper)
+        x = self._from_rest(here, q, here.error / step, step, lower=lower, upper=upper)
         return np.asarray(q + step * x)
 
     def _missed(self, found: Any) -> float:
-        """How far a solution is from what is wanted of the pose [length]; a turn counts as in the loop's measure."""
-        if found.success:  # what is exact is met, and nothing else is asked
+        """The distance of a solution from the pose in the loop's measure, 0 where its demands are met [length]."""
+        if found.success:
             return 0.0
         return float(np.hypot(found.position_error, self._loop.measure.length * found.orientation_error))
 
 
-def sampled(function: Callable[[float], ArrayLike], times: Array, m: int) -> Given:
-    """A function of time at times (n,)."""
+def sampled(function: Callable[[float], ArrayLike], times: Array, m: int) -> Waypoints:
+    """The points of a function of time at times (n,)."""
     points = [arrays.pose_matrix(p) for p in map(function, times.tolist())]
-    return Given(points, m, "points")
+    return Waypoints(points, m, "points")
