@@ -29,7 +29,7 @@ NOT_CALLED = {
     "FrameCheck GibsonHunt LinkTick HybridSolution HyperbolicPolar HyperbolicSpectrum Inspection "
     "Involution Margins NullPlane PenroseConditions PointMotion PoseSolution Recommendation "
     "Code Loop Reason "
-    "SensorCheck Sighting StationaryPoint Status Survey "
+    "SensorCheck RobotState StationaryPoint Status Survey "
     "SystemReport Trace VelocitySolution VelocitySolutions View",
     "an error or a warning: the library raises it": "BadInput BlindSystem InvariantQPError MissingExtra "
     "NoContactFound NoPolarDecomposition NoProjectors NoPseudoinverse RobotModelError SolverFailure TaskFileError "
@@ -47,7 +47,7 @@ INNER = {
     "Clearance.engine_in_loop Clearance.row_name Clearance.too_near "
     "OtherArm.believed BoxQP.of Chain.motions LimitRows.trusted Candidate.frame "
     "ExactRows.on LimitRows.called "
-    "Chain.sight Chain.points "
+    "Chain.state Chain.points "
     "InvariantFrameTask.compute_qp_objective",
     "of this package's own files, with arguments of their making": "ScrewSystem.with_tolerance ScrewSystem.derived "
     "ScrewSystem.form ScrewSystem.joint_velocities",

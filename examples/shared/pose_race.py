@@ -195,8 +195,8 @@ def _pinv(robot: Robot, time_limit: float) -> Solver:
         wanted = robot.target(target)
 
         def step(q: Array) -> Array:
-            sighting = robot.sight(q, wanted)
-            return np.asarray(np.linalg.pinv(sighting.J).dot(sighting.error))
+            state = robot.state(q, wanted)
+            return np.asarray(np.linalg.pinv(state.J).dot(state.error))
 
         return _tried(robot, wanted, start, step, time_limit)
 

@@ -146,8 +146,8 @@ class RobotKinematics:
         lower = np.maximum(q - self._step, np.minimum(self.robot.position_lower, q))
         upper = np.minimum(q + self._step, np.maximum(self.robot.position_upper, q))
         for tick in range(TICKS):
-            J, error, _ = sighting = self.robot.sight(q, target)
-            here, there = self.robot.points(sighting, target, np.zeros(3))
+            J, error, _ = state = self.robot.state(q, target)
+            here, there = self.robot.points(state, target, np.zeros(3))
             turn = same_turn(error, self._turn)[:3]
             self._turn = turn.copy()
             if np.abs(np.concatenate((weights[0] * turn, weights[1] * (there - here)))).max() <= arrays.NEGLIGIBLE:

@@ -26,7 +26,7 @@ from invariantqp.control.limits import (
 from invariantqp.engine import law
 from invariantqp.errors import BadInput, InvariantQPError, excerpt
 from invariantqp.geometry.arrays import Array, vector
-from invariantqp.robots.kinematics import Robot, Sighting, joint_displacement
+from invariantqp.robots.kinematics import Robot, RobotState, joint_displacement
 from invariantqp.velocity.backends import Backend, SolverFailure
 from invariantqp.velocity.definition import Answer, Rows, Tick, velocity
 from invariantqp.velocity.exact import ExactRows, whitened
@@ -187,12 +187,12 @@ class Callbacks:
 
         return called
 
-    def _sighting(self, q: Array) -> Sighting:
+    def _state_at(self, q: Array) -> RobotState:
         robot = self._loop.robot
-        return robot.sight(q, robot.target(robot.pose(q) if self._target is None else self._target))
+        return robot.state(q, robot.target(robot.pose(q) if self._target is None else self._target))
 
     def _arm(self, q: Array) -> tuple[Array, Any]:
-        return seen(self._sighting(q))
+        return engine_state(self._state_at(q))
 
     def _limit_rows(self, limit: Limit | LimitRows, limits: RowLimits, q: Array, before: Array) -> Any:
         """Rows of one of some limits at joint positions q (m,), or None; False where none are known to be safe."""
@@ -215,7 +215,7 @@ class Callbacks:
         robot = self._loop.robot
         wanted = self._target if nearest is None else nearest
         target = robot.target(robot.pose(q) if wanted is None else wanted)
-        rows = rows_of(self._loop.exact, View(robot, robot.sight(q, target), target, gain, ahead))
+        rows = rows_of(self._loop.exact, View(robot, robot.state(q, target), target, gain, ahead))
         return rows.A, rows.b, rows.of_twist
 
     def _law(self, fields: dict[str, Any]) -> tuple[Any, ...] | None:
@@ -321,12 +321,12 @@ class LoopInEngine:
         return calls.completed(solution_of(fields, calls.row_names(rows), names), too_near)
 
 
-def seen(sighting: Sighting) -> tuple[Array, Any]:
-    """A sighting as the engine takes it.
+def engine_state(state: RobotState) -> tuple[Array, Any]:
+    """A state as the engine takes it.
 
     Raises:
         BadInput: something else.
     """
-    if not isinstance(sighting, Sighting):
-        raise BadInput("sighting", excerpt(sighting), "what robot.sight returned")
-    return sighting.J, sighting.pose
+    if not isinstance(state, RobotState):
+        raise BadInput("robot_state", excerpt(state), "what robot.state(q, target) returned")
+    return state.J, state.pose

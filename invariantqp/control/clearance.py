@@ -72,7 +72,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.distance import Placed
 from invariantqp.geometry.shapes import Core, Shape
 from invariantqp.robots.chain import Chain
-from invariantqp.robots.kinematics import MILLIMETRES, Robot, far_away, middle
+from invariantqp.robots.kinematics import MILLIMETRES_HINT, Robot, middle, plausible_distance
 from invariantqp.velocity.limits import LimitRows
 from invariantqp.velocity.solution import ACTIVE_TOLERANCE
 
@@ -180,7 +180,8 @@ class Clearance(Limit):
     def _question_the_obstacles(self) -> None:
         """Warn of obstacles that are so far away and so large as in millimetres; what is small is parked there."""
         mid = middle(self.robot)
-        far, near = far_away(self.robot, self.robot.jacobian(mid), self.robot.pose(mid)[:3, 3]), dict[str, float]()
+        far = plausible_distance(self.robot, self.robot.jacobian(mid), self.robot.pose(mid)[:3, 3])
+        near = dict[str, float]()
         for (_, name), away in self.distances(mid).items():
             near[name] = min(near.get(name, inf), away)
         around = [part for part in self._parts if part.around == 1 and far < near.get(part.name, 0.0) < inf]
@@ -189,7 +190,9 @@ class Clearance(Limit):
             f"{name} by {near[name]:.4g}" for name, size, core in sizes if size > far or core is Core.HALF_SPACE
         ]:
             warnings.warn(
-                f"clearance: the arm is away from {', '.join(large)} [length]. {MILLIMETRES}", UserWarning, stacklevel=3
+                f"clearance: the arm is away from {', '.join(large)} [length]. {MILLIMETRES_HINT}",
+                UserWarning,
+                stacklevel=3,
             )
 
     def _question_the_distance(self) -> None:

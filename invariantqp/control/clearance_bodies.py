@@ -26,7 +26,7 @@ from invariantqp.robots.bodies import bodies_of
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot, continuous_turns
 from invariantqp.robots.tree import Exclusions
-from invariantqp.robots.urdf import excluded
+from invariantqp.robots.urdf import excluded_pairs
 from invariantqp.velocity.limits import accelerations
 
 
@@ -218,7 +218,7 @@ def pairs_of(
     """The pairs of parts that are kept apart, by their numbers, and those of bodies that are not, as in `Clearance`."""
     names = list(dict.fromkeys(part.name for part in parts))
     wanted = None if pairs is None else {frozenset(pair) for pair in _named(pairs, "pairs", names)}
-    apart: Exclusions = excluded(robot, exclude if isinstance(exclude, (str, PathLike)) else None)
+    apart: Exclusions = excluded_pairs(robot, exclude if isinstance(exclude, (str, PathLike)) else None)
     if not isinstance(exclude, (str, PathLike)):
         apart = {**apart, **{frozenset(pair): "excluded" for pair in _named(exclude, "exclude", names)}}
     dropped: dict[tuple[str, str], str] = {}

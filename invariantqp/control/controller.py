@@ -18,7 +18,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.control.callbacks import Callbacks, LoopInEngine, seen
+from invariantqp.control.callbacks import Callbacks, LoopInEngine, engine_state
 from invariantqp.control.demands import (
     Exact,
     ExactPoint,
@@ -60,7 +60,7 @@ from invariantqp.geometry.screws import turning
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import (
     Robot,
-    Sighting,
+    RobotState,
     continuous_turns,
     middle,
     require_robot,
@@ -204,7 +204,7 @@ class Controller:
             question_gain(self.gain, self.dt)
         self.exact: tuple[Exact, ...] = demands_of(exact)
         mid = middle(robot)
-        state = robot.sight(mid, robot.target(robot.pose(mid)))  # also loads what the first tick needs
+        state = robot.state(mid, robot.target(robot.pose(mid)))  # also loads what the first tick needs
         tip = np.asarray(robot.pose(mid)[:3, 3])
         if self.exact:  # refuses those of another arm
             rows_of(self.exact, View(robot, state, robot.target(robot.pose(mid)), 1.0, np.zeros(6)))
@@ -365,7 +365,7 @@ class Controller:
         *,
         at: Literal["tool", "base"] = "tool",
         rows: ExactRows | None = None,
-        sighting: Sighting | None = None,
+        robot_state: RobotState | None = None,
         measured_at: ArrayLike | None = None,
         posture: ArrayLike | None = None,
         speed: float = 1.0,
@@ -383,7 +383,7 @@ class Controller:
             at: "tool" as above; "base": a screw in base coordinates, whose linear part is the velocity of the point of
                 the tool's body at the origin of the base frame, as in [DS], `robot.jacobian` and `feedforward`.
             rows: more exact rows, for this tick alone: parts of the screw, A = K'J and b = K'screw for some K.
-            sighting: what `robot.sight` returned at q, if it was called in this tick already.
+            robot_state: what `robot.state` returned at q, if it was called in this tick already.
             measured_at: (3,) in the base frame, the point to measure at in this tick; None is the controller's own.
             posture: (m,) joint velocity wanted where the twist leaves joints free; None is the controller's own.
             speed: as in `step`; exact `rows` are `speed` times as fast too.
@@ -405,14 +405,14 @@ class Controller:
         if rows is not None:
             require_rows(rows, len(self.robot.names))
             more["exact"] = rows.A, rows.b, rows.of_twist
-        if sighting is not None:
-            more["arm"] = seen(sighting)
+        if robot_state is not None:
+            more["arm"] = engine_state(robot_state)
         if twist is None:
             raise BadInput("twist", "None", "(6,) numbers")
         return self._tick(now, q, None, twist, velocity, measured_at=measured_at, posture=posture, **more)
 
     def rest(
-        self, q: ArrayLike, reason: str, velocity: ArrayLike | None = None, sighting: Sighting | None = None
+        self, q: ArrayLike, reason: str, velocity: ArrayLike | None = None, robot_state: RobotState | None = None
     ) -> VelocitySolution:
         """One tick of standing still; outside its limits, an arm moves back inside.
 
@@ -420,14 +420,14 @@ class Controller:
             q: (m,) measured joint positions [rad, length].
             reason: why, in words; the solution repeats it.
             velocity: as in `step`.
-            sighting: as in `follow`.
+            robot_state: as in `follow`.
 
         Raises:
             BadInput: NaN or wrong shapes; the controller is as it was.
         """
         if not isinstance(reason, str):
             raise BadInput("reason", excerpt(reason), "a text")
-        arm = {} if sighting is None else {"arm": seen(sighting)}
+        arm = {} if robot_state is None else {"arm": engine_state(robot_state)}
         solution = self._tick(None, q, None, None, velocity, stand=True, **arm)
         if not reason or any(one.code is Code.NOT_BELIEVED for one in solution.reasons):
             return solution
@@ -470,7 +470,7 @@ def refused(
             place = checked_target(target).point
         else:
             wanted = loop.robot.target(target)
-            place = loop.robot.points(loop.robot.sight(positions, wanted), wanted, np.zeros(3))[1]
+            place = loop.robot.points(loop.robot.state(positions, wanted), wanted, np.zeros(3))[1]
         if place is not None:
             loop.limits.near(place, "target")
         if ahead is not None:

@@ -24,7 +24,7 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.se3 import shortest_turn, velocity_at
-from invariantqp.robots.kinematics import Robot, Sighting
+from invariantqp.robots.kinematics import Robot, RobotState
 from invariantqp.velocity.exact import ExactRows
 
 # Random states in which rows are counted: one that is not singular is enough.
@@ -38,14 +38,14 @@ class View(NamedTuple):
 
     Attributes:
         robot: the arm.
-        sighting: its state, as `robot.sight` returned it.
+        state: its state, as `robot.state` returned it.
         target: where its tool should be, as `robot.target` gave it.
         gain: [1/s].
         feedforward: (6,) twist of the target, base frame.
     """
 
     robot: Robot
-    sighting: Sighting
+    state: RobotState
     target: Any
     gain: float
     feedforward: Array
@@ -73,8 +73,8 @@ class ExactTwist(Value):
 
     def rows(self, view: View) -> ExactRows:
         """The angular velocity and the velocity at the base origin, six rows."""
-        twist = view.gain * view.sighting.error + view.feedforward
-        return ExactRows.of(view.sighting.J, np.eye(6), twist)
+        twist = view.gain * view.state.error + view.feedforward
+        return ExactRows.of(view.state.J, np.eye(6), twist)
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -93,9 +93,9 @@ class ExactPoint(Value):
 
     def rows(self, view: View) -> ExactRows:
         """The velocity of the point, three rows."""
-        here, there = view.robot.points(view.sighting, view.target, self.point)
+        here, there = view.robot.points(view.state, view.target, self.point)
         b = view.gain * (there - here) + velocity_at(view.feedforward, there)
-        return ExactRows.point(view.sighting.J, here, b)
+        return ExactRows.point(view.state.J, here, b)
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -114,11 +114,11 @@ class ExactAxis(Value):
 
     def rows(self, view: View) -> ExactRows:
         """The angular velocity across the axis, two rows."""
-        roots = view.robot.points(view.sighting, view.target, np.zeros(3))
-        tips = view.robot.points(view.sighting, view.target, self.axis)
+        roots = view.robot.points(view.state, view.target, np.zeros(3))
+        tips = view.robot.points(view.state, view.target, self.axis)
         here, there = tips[0] - roots[0], tips[1] - roots[1]
         turn = shortest_turn(here, there)
-        return ExactRows.axis(view.sighting.J, here, view.gain * turn + view.feedforward[:3])
+        return ExactRows.axis(view.state.J, here, view.gain * turn + view.feedforward[:3])
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -140,9 +140,9 @@ class ExactPlane(Value):
     def rows(self, view: View) -> ExactRows:
         """The speed of the point along the normal, one row."""
         n = self.normal
-        here, there = view.robot.points(view.sighting, view.target, self.point)
+        here, there = view.robot.points(view.state, view.target, self.point)
         speed = n.dot(view.gain * (there - here) + velocity_at(view.feedforward, there))
-        return ExactRows.plane(view.sighting.J, here, n, float(speed))
+        return ExactRows.plane(view.state.J, here, n, float(speed))
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -247,7 +247,7 @@ def row_rank(demands: tuple[Exact, ...], robot: Robot) -> int:
     for _ in range(STATES):
         q = rng.uniform(np.minimum(lower, upper), np.maximum(lower, upper))
         target = robot.target(robot.pose(q))
-        rows = rows_of(demands, View(robot, robot.sight(q, target), target, 1.0, np.zeros(6)))
+        rows = rows_of(demands, View(robot, robot.state(q, target), target, 1.0, np.zeros(6)))
         sizes = np.abs(rows.A)
         if rows.of_twist is not None:  # the size of the terms that A = D J sums
             sizes = np.maximum(sizes, np.abs(rows.of_twist).dot(np.abs(robot.jacobian(q))))

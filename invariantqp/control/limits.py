@@ -27,13 +27,13 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.robots.kinematics import (
-    QUESTIONED_TURN,
+    PLAUSIBLE_ANGLE,
     Robot,
-    far_away,
     middle,
-    question_range,
-    question_speed,
-    refuse_far,
+    plausible_distance,
+    require_plausible_distance,
+    warn_if_implausible_range,
+    warn_if_implausible_speed,
 )
 from invariantqp.velocity.limits import JointBox, LimitRows, ToolSpeed, accelerations
 from invariantqp.velocity.reasons import Code, Reason
@@ -379,7 +379,7 @@ def _shapes_of(robot: Robot) -> Any:
     """The shapes of an arm's links that SelfCollisionBarrier keeps apart, None for an arm that is known without."""
     if not any(link.parts for link in getattr(robot, "links", ())):
         return None
-    from invariantqp.robots.models import collision_model
+    from invariantqp.robots.pinocchio_arms import collision_model
 
     return collision_model(robot)  # type: ignore[arg-type]
 
@@ -645,16 +645,16 @@ class LoopLimits(NamedTuple):
         robot, turning = loop.robot, np.array(J[:3].any(axis=0))
         for limit in limits:
             if isinstance(limit, JointLimits):
-                question_range(limit.position_lower, limit.position_upper, turning, "JointLimits")
+                warn_if_implausible_range(limit.position_lower, limit.position_upper, turning, "JointLimits")
         loop = _within(loop, limits)
         acceleration = loop.acceleration if np.isfinite(loop.acceleration).any() else None
         rows = RowLimits(limits, loop)
         held = arrays.choice(far_outside, "far_outside", ("hold", "return")) == "hold"
         beyond = np.where(turning & held, FAR_OUTSIDE, inf)
         believed = (robot.position_lower - beyond).tolist(), (robot.position_upper + beyond).tolist()
-        far = far_away(robot, J, tip)
+        far = plausible_distance(robot, J, tip)
         if loop.tool_speed is not None:
-            question_speed(loop.tool_speed.limit, far, "tool_speed")
+            warn_if_implausible_speed(loop.tool_speed.limit, far, "tool_speed")
         return cls(box_of(loop), acceleration, loop.tool_speed, rows or None, loop, beyond, believed, tip, far)
 
     def changed(
@@ -677,7 +677,7 @@ class LoopLimits(NamedTuple):
             return None
         loop = _within(self.loop, told)
         if loop.tool_speed is not None and loop.tool_speed is not self.loop.tool_speed:
-            question_speed(loop.tool_speed.limit, self.far, "tool_speed")
+            warn_if_implausible_speed(loop.tool_speed.limit, self.far, "tool_speed")
         return Changes(share, loop, RowLimits(told, loop))
 
     def wrong(self, q: Array) -> Reason | None:
@@ -686,13 +686,13 @@ class LoopLimits(NamedTuple):
 
     def near(self, places: Array, argument: str) -> None:
         """Refuse places (..., 3) of a pose that are farther away than is believed."""
-        refuse_far(places, self.tip, self.far, argument)
+        require_plausible_distance(places, self.tip, self.far, argument)
 
 
 def no_degrees(robot: Robot, J: Array) -> tuple[list[float], list[float]]:
     """Bounds of joint positions (m,) inside their ranges or two turns of zero, of joints that turn in J (6, m)."""
     bounded = np.isfinite(robot.position_upper - robot.position_lower)
-    far = np.where(np.logical_and(J[:3].any(axis=0), bounded), QUESTIONED_TURN, inf)
+    far = np.where(np.logical_and(J[:3].any(axis=0), bounded), PLAUSIBLE_ANGLE, inf)
     return np.minimum(-far, robot.position_lower).tolist(), np.maximum(far, robot.position_upper).tolist()
 
 

@@ -290,8 +290,8 @@ nb::object tick(const Loop& loop, LoopState& state, nb::object q, nb::object tar
             in.D = read.matrix(given[2], "rows[2]", in.E.rows, 6);
     }
     if (!arm.is_none()) {
-        const nb::tuple given = parts(arm, "sighting", 2);
-        seen = {read.matrix(given[0], "sighting[0]", 6, m), read_pose(given[1], "sighting[1]", read)};
+        const nb::tuple given = parts(arm, "robot_state", 2);
+        seen = {read.matrix(given[0], "robot_state[0]", 6, m), read_pose(given[1], "robot_state[1]", read)};
         in.arm = &seen;
     }
     if (!measured_at.is_none())

@@ -34,7 +34,7 @@ void make_chain(Chain* made, nb::handle screws, nb::handle home, nb::handle coor
     new (made) Chain(chain);
 }
 // Joint twists (6, m) and tool pose (4, 4), and the error twist (6,) to a target, None without one.
-nb::tuple sight(const Chain& chain, nb::handle q, nb::handle target)
+nb::tuple state(const Chain& chain, nb::handle q, nb::handle target)
 {
     Workspace& w = workspace();
     const Workspace::Frame frame(w);
@@ -126,7 +126,7 @@ void bind_screws(nb::module_& m)
     nb::class_<Chain>(m, "Chain", "An open chain of hinges, slides and screws.")
         .def("__init__", make_chain, "screws"_a, "home"_a, "coordinates"_a = nb::none())
         .def("motions", motions, "q"_a, "(k + 1, 4, 4) of the base and of what each joint moves.")
-        .def("sight", sight, "q"_a, "target"_a.none(), "Joint twists (6, m), tool pose (4, 4), error twist (6,) or None.");
+        .def("state", state, "q"_a, "target"_a.none(), "Joint twists (6, m), tool pose (4, 4), error twist (6,) or None.");
     m.def("pseudoinverse", pseudoinverse_of, "J"_a, "h"_a, "J^{+h} (m, 6), None where it is not well conditioned.");
     m.def("projectors", projectors_of, "S"_a.none(), "wrenches"_a.none(), "h"_a.none(), "complement"_a.none(), "metric"_a.none(),
           "The fields of DualProjectors, None where they are not well conditioned.");

@@ -91,7 +91,7 @@ class Knot(NamedTuple):
 
 def _ratio(seen: TaskError) -> float:
     """The smallest singular value of the measured joint twists over the largest."""
-    sigma = np.linalg.svd(seen.root.dot(seen.sighting.J), compute_uv=False)
+    sigma = np.linalg.svd(seen.root.dot(seen.state.J), compute_uv=False)
     return float(sigma[-1] / sigma[0]) if sigma[0] > 0.0 else 0.0
 
 
@@ -306,7 +306,7 @@ class JointPath:
         weighted = seen.root.dot(seen.part + REST * (np.eye(6) - seen.part))
         if self._stops:
             return self._damped(STRAYING, q, seen, twist, h, posture, root=weighted)[0]
-        rows, J = seen.rows, seen.sighting.J
+        rows, J = seen.rows, seen.state.J
         only = np.vstack((rows, np.zeros((6 - len(rows), 6))))
         nearest, missed = self._damped(LEAVING, q, seen, twist, h, exact=False, root=only)
         size = float(np.linalg.norm(rows.dot(twist)))
@@ -320,7 +320,7 @@ class JointPath:
         self, share: float, q: Array, seen: TaskError, twist: Array, h: float, posture: Array | None = None, **more: Any
     ) -> tuple[Array, float]:
         """The law's answer (m,) damped by a share of what it misses, and the size of what that misses."""
-        size = float(np.linalg.norm(more.get("root", seen.root).dot(seen.sighting.J).dot(self._to_joint)))
+        size = float(np.linalg.norm(more.get("root", seen.root).dot(seen.state.J).dot(self._to_joint)))
         least = LEAST_DAMPING * size
         _, missed = seen.answer(self.controller, q, twist, h, posture, form=None, damping=least, **more)
         damping = sqrt(least * least + share * self._longest * size * missed)

@@ -191,7 +191,7 @@ class Pressed:
         astray = joint_displacement(q, plan.joints(place), loop.turns)
         if float(astray.dot(astray)) <= 0.25 * STRAYED * STRAYED:  # nor is any part of it more
             return Beside(place, off, away, 0.0, astray)
-        _, sigma, Vt = np.linalg.svd(way.root.dot(way.sighting.J), full_matrices=False)
+        _, sigma, Vt = np.linalg.svd(way.root.dot(way.state.J), full_matrices=False)
         moving = Vt[sigma > SLOW * sigma[0]]  # those that move the tool
         free = astray - moving.T.dot(moving.dot(astray))
         return Beside(place, off, away, float(np.abs(free).max()), astray)

@@ -348,7 +348,7 @@ class Shape:
     def _arrived(self, q: Array, at: float, command: Array) -> bool:
         """Whether the tool at q (m,) is at a place in what is wanted, and will be after a command (m,)."""
         way = self.way(q, at)
-        moved = way.rows.dot(way.sighting.J.dot(command))
+        moved = way.rows.dot(way.state.J.dot(command))
         return way.off + self._loop.dt * float(np.linalg.norm(moved)) <= self._tolerance
 
     def way(self, q: Array, at: float) -> TaskError:

@@ -39,8 +39,16 @@ from invariantqp.errors import BadInput, excerpt, written
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
-from invariantqp.robots.chain import Chain, shares_coordinate
-from invariantqp.robots.kinematics import Robot, far_away, joint_ranges, middle, refuse_far, remembered, whole_turns
+from invariantqp.robots.chain import Chain, drives_several
+from invariantqp.robots.kinematics import (
+    Robot,
+    cached_for,
+    joint_ranges,
+    middle,
+    plausible_distance,
+    require_plausible_distance,
+    whole_turns,
+)
 from invariantqp.systems.points import centre
 from invariantqp.velocity.forms import CarriedMetric, Form, PitchForm, form_of
 
@@ -112,7 +120,7 @@ class PoseSearch:
     ) -> None:
         """As `solve_pose`."""
         self._robot = robot
-        self._arm = remembered(robot, "pose search", pose_arm)
+        self._arm = cached_for(robot, "pose search", pose_arm)
         if clearance is not None:
             if not hasattr(clearance, "require"):
                 raise BadInput("clearance", excerpt(clearance), "a limits.Clearance of this robot, or None")
@@ -132,7 +140,7 @@ class PoseSearch:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
-        self._arm = remembered(self._robot, "pose search", pose_arm)
+        self._arm = cached_for(self._robot, "pose search", pose_arm)
 
     def start(self, q0: ArrayLike) -> Array:
         """Joint positions (m,) to begin from, checked."""
@@ -154,7 +162,7 @@ class PoseSearch:
         if place is not None:
             mid = middle(self._robot)
             J, tip = self._robot.jacobian(mid), self._robot.pose(mid)[:3, 3]
-            refuse_far(place, tip, far_away(self._robot, J, tip), argument)
+            require_plausible_distance(place, tip, plausible_distance(self._robot, J, tip), argument)
         return found
 
     def solve(self, target: Any, q0: ArrayLike | None = None) -> PoseSolution:
@@ -225,7 +233,7 @@ class PoseSearch:
         robot, wanted = self._robot, self._robot.target(target)
 
         def rows(q: Array) -> tuple[Array, Array]:
-            found = demand.rows(View(robot, robot.sight(q, wanted), wanted, 1.0, np.zeros(6)))
+            found = demand.rows(View(robot, robot.state(q, wanted), wanted, 1.0, np.zeros(6)))
             return np.asarray(found.A), np.asarray(found.b)
 
         return rows
@@ -297,11 +305,11 @@ def pose_arm(robot: Robot) -> Any:
         high=high,
         middle=mid,
         stride=phi ** -np.arange(1.0, m + 1.0),
-        turn=np.where(shares_coordinate(robot), 0.0, whole_turns(J)),
+        turn=np.where(drives_several(robot), 0.0, whole_turns(J)),
         point=here[:3, :3].T.dot(place - here[:3, 3]),
         length=length if 0.0 < length < inf else 1.0,
         tip=here[:3, 3],
-        far=far_away(robot, J, here[:3, 3]),
+        far=plausible_distance(robot, J, here[:3, 3]),
         believed_lower=believed[0],
         believed_upper=believed[1],
     )
@@ -398,7 +406,7 @@ def solve_pose(
 
 def _plain(robot: Robot, tolerance: float, time_limit: float, restarts: int, seed: int) -> PoseSearch:
     """A search for the whole pose; with a robot of this library it is kept."""
-    kept: dict[Any, PoseSearch] = remembered(robot, "searches", lambda _: {})
+    kept: dict[Any, PoseSearch] = cached_for(robot, "searches", lambda _: {})
     try:
         found = kept.get((tolerance, time_limit, restarts, seed))
     except TypeError:  # no numbers

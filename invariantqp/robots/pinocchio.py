@@ -1,6 +1,6 @@
 """Pinocchio, and a model of it made from joint screws.
 
-This is the only file that imports Pinocchio, 3.8 or later; without it, it names the extra that installs it.
+This is the only file that imports Pinocchio, 3.8 or later (extra `pin`).
 """
 
 from __future__ import annotations
@@ -25,10 +25,15 @@ __all__ = ["model_of", "pin"]
 def model_of(
     screws: Array, places: Array, home: Array, names: Sequence[str], limits: Sequence[Array], tool: str
 ) -> pin.Model:
-    """A `pinocchio.Model` without masses whose joints have given screws; at zero their frames are at their places.
+    """A `pinocchio.Model` without masses from joint screws.
 
-    Unit twists (6, m) at q = 0 in the base frame, places (m, 3) on their axes, the tool at `home` (4, 4) at q = 0;
-    limits are lower and upper position limits and velocity limits, (m,) each.
+    Args:
+        screws: (6, m) unit twists at q = 0 in the base frame.
+        places: (m, 3) points of their axes, where the joint frames are at q = 0.
+        home: (4, 4) tool pose at q = 0.
+        names: of the joints.
+        limits: lower and upper position limits and velocity limits, (m,) each.
+        tool: name of the tool frame.
     """
     model, last = pin.Model(), np.eye(4)
     joint = 0

@@ -22,7 +22,7 @@ def test_it_reaches_a_target_at_rest():
     loop, q, goal = controller(gain=50.0), READY.copy(), target()
     for _ in range(400):
         q = q + DT * loop.step(q, goal).velocity
-    assert np.linalg.norm(PANDA.sight(q, PANDA.target(goal)).error) < 1e-6
+    assert np.linalg.norm(PANDA.state(q, PANDA.target(goal)).error) < 1e-6
 
 
 def test_one_tick_removes_its_share_of_the_error():
@@ -30,7 +30,7 @@ def test_one_tick_removes_its_share_of_the_error():
         small = iq.exp(1e-4 * np.ones(6)) @ PANDA.pose(READY)
         loop = controller(gain=share / DT, posture=False)
         q = READY + DT * loop.step(READY, small).velocity
-        left, whole = np.linalg.norm(PANDA.sight(q, PANDA.target(small)).error), np.linalg.norm(1e-4 * np.ones(6))
+        left, whole = np.linalg.norm(PANDA.state(q, PANDA.target(small)).error), np.linalg.norm(1e-4 * np.ones(6))
         assert left == pytest.approx((1.0 - share) * whole, abs=0.02 * whole)  # a loop sets off softly
 
 

@@ -83,7 +83,7 @@ def supervised_run(task, make, broken):
         return loops[0]
 
     trace = run_task(task, controller=controller)
-    speed, outside = np.abs(trace.velocity), trace.outside
+    speed, outside = np.abs(trace.velocity), trace.position_violation
     excess = np.diff(outside, axis=0), outside[-1], speed - trace.velocity_limit
     (loop,) = loops
     return {

@@ -10,8 +10,15 @@ import pytest
 
 import invariantqp as iq
 from invariantqp.geometry.shapes import Box, Capsule, HalfSpace, Sphere
-from invariantqp.robots.bodies import _read, _thinned, bodies_of, box, capsule, shapes_about
-from invariantqp.robots.urdf import disabled, excluded
+from invariantqp.robots.bodies import (
+    _decimated,
+    _mesh_triangles,
+    bodies_of,
+    enclosing_box,
+    enclosing_capsule,
+    enclosing_shapes,
+)
+from invariantqp.robots.urdf import excluded_pairs, srdf_exclusions
 
 ARM = """<mujoco><compiler angle="radian"/><worldbody><geom name="floor" type="plane" size="1 1 .1"/>
 <body name="a" pos="0 0 .3"><joint name="j1" axis="0 0 1"/><geom type="capsule" size=".05" fromto="0 0 0 .3 0 0"/>
@@ -45,7 +52,7 @@ def test_a_capsule_contains_its_points_and_is_not_large():
         [0.0, 0.0, 0.0],
     ):
         points = rng.uniform(-0.5, 0.5, (60, 3)) * size
-        found = capsule(points)
+        found = enclosing_capsule(points)
         assert off(found, points).max() < 1e-12
         assert found.radius <= 0.51 * np.linalg.norm(size) + 1e-12
 
@@ -58,7 +65,7 @@ def test_several_shapes_contain_every_triangle():
 
     corners = np.vstack(bars)
     faces = np.vstack([ConvexHull(bar).simplices + 8 * i for i, bar in enumerate(bars)])
-    made = shapes_about(corners[faces])
+    made = enclosing_shapes(corners[faces])
     assert len(made) > 1
     weights = rng.dirichlet(np.ones(3), size=(len(faces), 50))
     points = np.einsum("fkc,fcx->fkx", weights, corners[faces]).reshape(-1, 3)
@@ -79,7 +86,7 @@ def test_what_a_urdf_has_is_inside_its_bodies(name):
         for part in link.parts:
             if part.kind == "mesh":
                 corners, faces = triangles(part.mesh)
-                read = _read(part.mesh).reshape(-1, 3)  # coal leaves out triangles without an area
+                read = _mesh_triangles(part.mesh).reshape(-1, 3)  # coal leaves out triangles without an area
                 np.testing.assert_allclose(read.max(axis=0), corners.max(axis=0), atol=1e-7)
                 np.testing.assert_allclose(read.min(axis=0), corners.min(axis=0), atol=1e-7)
                 assert len(faces) <= len(read) // 3
@@ -97,8 +104,8 @@ def test_axes_are_chosen_by_few_corners_but_all_are_contained():
     points = rng.normal(size=(30000, 3))
     points *= np.array([0.3, 0.05, 0.05]) / np.linalg.norm(points, axis=1)[:, None]
     triangles = np.concatenate((points[ConvexHull(points).simplices], [[[0, 0, 0], [1e-4, 0, 0.06], [0, 1e-4, 0.06]]]))
-    assert len(_thinned(triangles)) < 0.5 * len(triangles)
-    made = shapes_about(triangles)
+    assert len(_decimated(triangles)) < 0.5 * len(triangles)
+    made = enclosing_shapes(triangles)
     assert np.min([off(one, triangles.reshape(-1, 3)) for one in made], axis=0).max() < 1e-12
     assert sum(map(volume, made)) < 0.008
 
@@ -112,7 +119,7 @@ def test_a_plate_becomes_a_box_however_it_is_turned(size):
     rng = np.random.default_rng(0)
     for turn in [np.eye(3), *np.linalg.qr(rng.normal(size=(4, 3, 3)))[0]]:
         points = (corners * size) @ turn.T + [0.1, -0.2, 0.3]
-        made = shapes_about(points[faces])
+        made = enclosing_shapes(points[faces])
         assert {type(one) for one in made} == {Box}
         assert np.min([off(one, points) for one in made], axis=0).max() < 1e-12
         assert sum(map(volume, made)) == pytest.approx(np.prod(size), rel=1e-9, abs=1e-12)
@@ -122,7 +129,7 @@ def test_a_box_lies_along_a_face_of_what_it_contains():
     """About a wedge, whose principal axes are along none of its faces."""
     wedge = np.array([(x, y, z) for y in (0.0, 0.1) for x, z in ((0.0, 0.0), (0.4, 0.0), (0.0, 0.1))])
     turn = iq.exp([0.3, -0.7, 0.4, 0.0, 0.0, 0.0])[:3, :3]
-    made = box(wedge @ turn.T, turn.T[:2])
+    made = enclosing_box(wedge @ turn.T, turn.T[:2])
     assert off(made, wedge @ turn.T).max() < 1e-12
     assert volume(made) == pytest.approx(0.4 * 0.1 * 0.1)
 
@@ -132,7 +139,7 @@ def test_shapes_of_robots_are_no_many_times_their_links():
     pytest.importorskip("coal")
     from scipy.spatial import ConvexHull
 
-    from invariantqp.robots.bodies import _surface
+    from invariantqp.robots.bodies import _triangles
 
     ratios = []
     for name in ("panda", "ur5", "xarm7", "so101", "gen3"):
@@ -141,7 +148,7 @@ def test_shapes_of_robots_are_no_many_times_their_links():
         for link in robot.links:
             meshes = [part for part in link.parts if part.kind == "mesh"]
             if len(meshes) == len(link.parts) > 0:
-                hulls = [ConvexHull(_surface(p).reshape(-1, 3) @ p.pose[:3, :3].T + p.pose[:3, 3]) for p in meshes]
+                hulls = [ConvexHull(_triangles(p).reshape(-1, 3) @ p.pose[:3, :3].T + p.pose[:3, 3]) for p in meshes]
                 ratios.append(sum(map(volume, made[link.name])) / sum(hull.volume for hull in hulls))
     assert len(ratios) > 20
     assert max(ratios) < 3.0
@@ -191,7 +198,7 @@ def test_geometry_that_cannot_be_read_is_told_when_it_is_asked_for(tmp_path):
     wrong = tmp_path / "a.srdf"
     wrong.write_text("<mujoco/>")
     with pytest.raises(iq.errors.RobotModelError, match="<robot> of an SRDF"):
-        disabled(wrong)
+        srdf_exclusions(wrong)
 
 
 def test_meshes_and_balls_of_an_mjcf():
@@ -260,9 +267,9 @@ def test_a_tool_travels_and_compares(panda):
 
 def test_a_description_excludes_nothing_of_a_tool_by_an_old_name(panda):
     """The SRDF lets the old hand touch the fifth link; a new one of the same name may not."""
-    assert frozenset(("panda_hand", "panda_link5")) in excluded(panda)
+    assert frozenset(("panda_hand", "panda_link5")) in excluded_pairs(panda)
     assert not any(
-        "panda_hand" in pair for pair in excluded(panda.with_tool(TIP, PEN, name="panda_hand", without=GRIPPER))
+        "panda_hand" in pair for pair in excluded_pairs(panda.with_tool(TIP, PEN, name="panda_hand", without=GRIPPER))
     )
 
 

@@ -7,7 +7,7 @@ from support.arms import ready
 
 import invariantqp as iq
 from invariantqp.robots import mobile_base, rail, relative, stand_on
-from invariantqp.robots.urdf import excluded
+from invariantqp.robots.urdf import excluded_pairs
 
 RNG = np.random.default_rng(4)
 PLACE = iq.exp([0.3, -0.2, 1.0, 0.4, -0.1, 0.7])
@@ -78,10 +78,10 @@ def test_a_tool_seen_from_another():
 
 def test_what_the_links_of_an_arm_may_touch_are_its_own():
     arm, other = two_arms()
-    own = excluded(arm)
+    own = excluded_pairs(arm)
     others = {frozenset(f"other/{name}" for name in pair): why for pair, why in own.items()}
     assert len(own) == 35
-    assert excluded(relative(arm, other)) == {**own, **others}
+    assert excluded_pairs(relative(arm, other)) == {**own, **others}
     kept = iq.limits.Clearance(relative(arm, other)).pairs
     assert ("other/panda_link5", "panda_link7") in kept  # one arm lets its own fifth link touch its own seventh
 

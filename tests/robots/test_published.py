@@ -75,7 +75,7 @@ def test_a_lite_6_at_zero_stands_in_a_plane_and_points_down():
 def test_a_published_arm_needs_no_file(name, monkeypatch):
     from invariantqp.robots import load
 
-    monkeypatch.setattr(load, "_data_folder", None)
+    monkeypatch.setattr(load, "_example_data_folder", None)
     arm = iq.load_robot(name)
     part = iq.load_robot(name, joints=arm.names[:3], offset=iq.transform(translation=(0, 0, 0.1)))
     assert (part.names, part.tool) == (arm.names[:3], "tool0+offset")

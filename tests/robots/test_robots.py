@@ -88,7 +88,7 @@ def test_the_error_twist_leads_to_the_target(angle):
             u = rng.normal(size=3)
             error = np.concatenate((angle * u / np.linalg.norm(u), rng.normal(size=3)))
             wanted = iq.exp(error) @ robot.pose(q)
-            found = robot.sight(q, robot.target(wanted)).error
+            found = robot.state(q, robot.target(wanted)).error
             np.testing.assert_allclose(iq.exp(found) @ robot.pose(q), wanted, atol=1e-9)
 
 
@@ -134,7 +134,7 @@ def test_a_displaced_tool_is_the_same_arm(source):
     np.testing.assert_array_equal(moved.velocity_limit, robot.velocity_limit)
     wanted = iq.exp(0.3 * rng.normal(size=6)) @ before
     np.testing.assert_allclose(
-        moved.sight(q, moved.target(wanted @ X)).error, robot.sight(q, robot.target(wanted)).error, atol=1e-10
+        moved.state(q, moved.target(wanted @ X)).error, robot.state(q, robot.target(wanted)).error, atol=1e-10
     )
 
 
@@ -324,6 +324,6 @@ def test_a_checked_target_is_taken_as_it_is():
         pose, q = iq.exp(0.1 * np.arange(6.0)), np.full(6, 0.1)
         target = arm.target(pose)
         assert arm.target(target) is target
-        before = arm.sight(q, target).error
+        before = arm.state(q, target).error
         pose[:] = np.nan  # the target is not the caller's array
-        np.testing.assert_array_equal(arm.sight(q, target).error, before)
+        np.testing.assert_array_equal(arm.state(q, target).error, before)

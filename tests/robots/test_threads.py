@@ -31,7 +31,7 @@ def arm():
 
 
 def look(robot, q, target):
-    seen = robot.sight(q, target)
+    seen = robot.state(q, target)
     here, there = robot.points(seen, target, np.array([0.0, 0.0, 0.1]))
     return seen.J, seen.error, robot.pose(q), robot.jacobian(q), robot.origins(q), here, there
 

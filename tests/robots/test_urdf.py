@@ -6,7 +6,7 @@ import pytest
 
 import invariantqp as iq
 from invariantqp.robots.load import urdf_of
-from invariantqp.robots.tree import MOVING, chain_to_link, path_to, rest
+from invariantqp.robots.tree import SINGLE_AXIS_TYPES, chain_to_link, path_to, rest_position
 from invariantqp.robots.urdf import joints_of, read_xml
 
 MODELS = urdf_of("panda").parents[2]
@@ -19,8 +19,8 @@ def configuration(model, path, q):
     """Pinocchio's, with the moving joints at q by name and the others of the path where they rest."""
     full = pin.neutral(model)
     for joint in path:
-        if joint.kind in MOVING:
-            i, angle = model.getJointId(joint.name), q.get(joint.name, rest(joint))
+        if joint.kind in SINGLE_AXIS_TYPES:
+            i, angle = model.getJointId(joint.name), q.get(joint.name, rest_position(joint))
             full[model.idx_qs[i] :][: model.nqs[i]] = angle if model.nqs[i] == 1 else (np.cos(angle), np.sin(angle))
     return full
 
@@ -36,7 +36,7 @@ def open_limits(values):
 def difference(model, joints, link):
     """The largest difference of pose and joint twists from Pinocchio's in a random state; None where nothing moves."""
     path = path_to({joint.child: joint for joint in joints}, link, "")
-    moving = [joint.name for joint in path if joint.kind in MOVING and not joint.mimics]
+    moving = [joint.name for joint in path if joint.kind in SINGLE_AXIS_TYPES and not joint.mimics]
     if not moving:
         return None
     arm, data = chain_to_link(joints, "", link, moving), model.createData()

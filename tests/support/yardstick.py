@@ -40,7 +40,7 @@ class LeastSquares:
         ahead = np.zeros(6) if feedforward is None else np.asarray(feedforward)
         if not all(np.isfinite(x).all() for x in (q, target.homogeneous, ahead)):
             raise ValueError("an input is not finite")
-        state = self.robot.sight(q, target)
+        state = self.robot.state(q, target)
         root = self.measure.root_for(state.J, state.pose)
         A, b = root @ state.J, root @ (self.gain * state.error + ahead)
         C, e = A[:0], b[:0]

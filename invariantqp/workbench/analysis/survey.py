@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.robots.kinematics import Robot, joint_ranges, remembered
+from invariantqp.robots.kinematics import Robot, cached_for, joint_ranges
 from invariantqp.systems.report import describe
 
 
@@ -80,7 +80,7 @@ def _quantiles(values: Array) -> dict[str, float]:
 
 def spread(robot: Robot, samples: int, origin: Array | float = 0.5) -> Array:
     """(n, m) joint positions spread evenly over the joint range; x_0, in [0, 1), is where the sequence begins."""
-    low, high = remembered(robot, "ranges", joint_ranges)
+    low, high = cached_for(robot, "ranges", joint_ranges)
     m = len(low)
     phi = max(np.roots([1.0, *[0.0] * (m - 1), -1.0, -1.0]).real)
     share = (origin + np.arange(1.0, samples + 1.0)[:, None] * phi ** -np.arange(1.0, m + 1.0)) % 1.0

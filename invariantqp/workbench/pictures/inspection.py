@@ -18,7 +18,7 @@ from invariantqp.errors import BadInput, written
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.distance import Placed, corners
 from invariantqp.geometry.shapes import Core
-from invariantqp.robots.bodies import SIDES
+from invariantqp.robots.bodies import PRISM_SIDES
 from invariantqp.robots.kinematics import Robot, joint_ranges
 from invariantqp.workbench.analysis.inspection import MULTIPLES, Inspection
 from invariantqp.workbench.analysis.survey import Survey, survey
@@ -131,7 +131,7 @@ def bodies_picture(clearance: Clearance, q: ArrayLike, path: Path | str) -> Path
 
 def _outline(placed: Placed, seen: list[int]) -> Array:
     """(n, 2) corners of a shape's shadow."""
-    turn = np.linspace(0.0, 2.0 * np.pi, SIDES, endpoint=False)
+    turn = np.linspace(0.0, 2.0 * np.pi, PRISM_SIDES, endpoint=False)
     if placed.solid is not None:
         flat = placed.solid.drawn().reshape(-1, 3).dot(placed.pose[:3, :3].T)[:, seen] + placed.pose[seen, 3]
         return np.asarray(flat[ConvexHull(flat).vertices])

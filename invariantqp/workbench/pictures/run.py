@@ -119,14 +119,14 @@ def _progress(axes: Axes, time: Array, along: PathTrace) -> None:
     """The speed along the path over that of its timing, shaded in the colour of the limit that rules it."""
     inside = axes.get_xaxis_transform()
     ruling = np.array(along.ruling)
-    for name, colour in zip(along.slowed, cycle(COLOURS[1:]), strict=False):
+    for name, colour in zip(along.slowdowns, cycle(COLOURS[1:]), strict=False):
         axes.fill_between(
             time, 0, 1, where=ruling == name, transform=inside, color=colour, alpha=0.3, lw=0, step="pre", label=name
         )
     axes.plot(time, along.speed, color=COLOURS[0], linewidth=1.3)
     axes.axhline(1.0, color=RULE, linestyle="--", linewidth=0.8)
     axes.set_ylabel("path speed / timing")
-    if along.slowed:
+    if along.slowdowns:
         _legend_beside(axes)
 
 
@@ -134,7 +134,7 @@ def _curve(axes: Axes, trace: Trace, contact: ContactTrace) -> None:
     across = np.stack(se3.across(contact.normal))
     first = trace.counted_from
     desired = 1e3 * (contact.desired[first:] - contact.desired[0]).dot(across.T)
-    drawn = 1e3 * (contact.drawn[first:] - contact.desired[0]).dot(across.T)
+    drawn = 1e3 * (contact.position[first:] - contact.desired[0]).dot(across.T)
     axes.plot(*desired.T, color=SHADE, linewidth=5.0, alpha=0.5, solid_capstyle="round", label="wanted")
     axes.plot(*drawn.T, color=VERMILION, linewidth=1.2, label="drawn")
     axes.plot(*drawn[-1], color=VERMILION, marker="o", markersize=4.0)

@@ -1,4 +1,4 @@
-"""The [[obstacle]] and [clearance] tables of a task file: what is around the arm, and how far it keeps from that."""
+"""The [[obstacle]] and [clearance] tables of a task file, and the obstacles and clearance of a run."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from invariantqp.control.clearance import Clearance
     from invariantqp.control.clearance_bodies import OtherArm
 
-# What each kind of obstacle must have besides its place, and what it may have.
-KEYS = {
+# Required and optional keys of each kind of obstacle.
+OBSTACLE_KEYS = {
     "sphere": (("radius",), ("moves",)),
     "capsule": (("radius", "to"), ("moves",)),
     "box": (("size",), ("turn", "moves")),
@@ -75,7 +75,7 @@ class ObstacleSpec(Section):
 
     @model_validator(mode="after")
     def _is_whole(self) -> ObstacleSpec:
-        one, (needs, may) = f"{'a' if self.kind[0] != 'a' else 'an'} {self.kind}", KEYS[self.kind]
+        one, (needs, may) = f"{'a' if self.kind[0] != 'a' else 'an'} {self.kind}", OBSTACLE_KEYS[self.kind]
         missing = [key for key in needs if getattr(self, key) is None]
         if missing:
             raise ValueError(f"{one} needs {' and '.join(missing)}")
@@ -87,7 +87,7 @@ class ObstacleSpec(Section):
         return self
 
     def progress(self, t: float) -> tuple[float, float]:
-        """How far out it is at t [s], from 0 to 1, and how fast [1/s]."""
+        """The progress between its ends at t [s], from 0 to 1, and its rate [1/s]."""
         rate = 2.0 * pi / self.period
         return 0.5 * (1.0 - cos(rate * t)), 0.5 * rate * sin(rate * t)
 
@@ -104,17 +104,17 @@ class ClearanceSpec(Section):
     )
 
 
-class Around:
-    """What is around an arm in a run, and the clearance from it."""
+class ObstacleScene:
+    """The obstacles of a run, and the clearance that the arm keeps from them."""
 
     def __init__(
-        self, robot: Any, clearance: ClearanceSpec, obstacles: list[ObstacleSpec], looked_up: Callable[[str], Any]
+        self, robot: Any, clearance: ClearanceSpec, obstacles: list[ObstacleSpec], resolve_source: Callable[[str], Any]
     ) -> None:
-        """Around a robot, by a task's tables; `looked_up` looks a robot's source up."""
+        """ObstacleScene a robot, by a task's tables; `resolve_source` looks a robot's source up."""
         from invariantqp.control.clearance import Clearance
 
         self._specs = obstacles
-        self.obstacles: list[Shape | OtherArm] = [_obstacle(spec, looked_up) for spec in obstacles]
+        self.obstacles: list[Shape | OtherArm] = [_obstacle(spec, resolve_source) for spec in obstacles]
         for i, (spec, obstacle) in enumerate(zip(obstacles, self.obstacles, strict=True)):
             if not isinstance(obstacle, Shape):
                 for key in ("start",) if spec.end is None else ("start", "end"):
@@ -129,34 +129,36 @@ class Around:
         self.clearance: Clearance = Clearance(robot, bodies, self.obstacles, distance, exclude=exclude)
 
     def move(self, t: float) -> None:
-        """Everything to where it is at t [s]."""
+        """Move all obstacles to their poses at t [s]."""
         for spec, obstacle in zip(self._specs, self.obstacles, strict=True):
             progress, rate = spec.progress(t)
             if not isinstance(obstacle, Shape):
                 start = np.array(spec.start)
-                way = np.zeros(len(start)) if spec.end is None else np.array(spec.end) - start
-                obstacle.move(start + progress * way, rate * way)
+                stroke = np.zeros(len(start)) if spec.end is None else np.array(spec.end) - start
+                obstacle.move(start + progress * stroke, rate * stroke)
             elif any(spec.moves):
-                way = np.array(spec.moves)
-                obstacle.move(se3.transform(translation=progress * way), np.concatenate((np.zeros(3), rate * way)))
+                stroke = np.array(spec.moves)
+                obstacle.move(
+                    se3.transform(translation=progress * stroke), np.concatenate((np.zeros(3), rate * stroke))
+                )
 
     @property
-    def moving(self) -> bool:
-        """Whether anything of it moves."""
+    def is_moving(self) -> bool:
+        """Whether any obstacle moves."""
         return any(spec.end is not None or any(spec.moves) for spec in self._specs)
 
 
-def _obstacle(spec: ObstacleSpec, looked_up: Callable[[str], Any]) -> Shape | OtherArm:
-    from invariantqp.control.clearance_bodies import OtherArm  # only where a task asks for it
+def _obstacle(spec: ObstacleSpec, resolve_source: Callable[[str], Any]) -> Shape | OtherArm:
+    from invariantqp.control.clearance_bodies import OtherArm  # loaded only where there are obstacles
 
     at: Array = np.array(spec.at)
     place = se3.transform(se3.rotation(np.array(spec.turn)), at)
     if spec.kind == "arm":
-        return OtherArm(load_robot(looked_up(str(spec.source)), base=place), name=spec.name or "other")
+        return OtherArm(load_robot(resolve_source(str(spec.source)), base=place), name=spec.name or "other")
     if spec.kind == "mesh":
         from invariantqp.geometry.coal import Mesh  # coal is loaded where there is a mesh
 
-        return Mesh(looked_up(str(spec.source)), place, scale=spec.scale, hull=spec.hull, name=spec.name)
+        return Mesh(resolve_source(str(spec.source)), place, scale=spec.scale, hull=spec.hull, name=spec.name)
     if spec.kind == "sphere":
         return Sphere(at, spec.radius or 0.0, name=spec.name)
     if spec.kind == "capsule":

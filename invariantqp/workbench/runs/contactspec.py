@@ -1,9 +1,7 @@
-"""The tables of a task file about contact: [contact] what is touched, [force] how to press, [sensor] what measures it.
+"""The tables of a task file about contact: [contact], [force], [sensor], [operator] and [physics].
 
-Lengths are in metres, directions in base axes, and places are relative to where the tool is at the start. The
-controller is given everything in [contact] except `tilt`: how the real surface lies is for force control to find out,
-and with `normal_within` it corrects the normal. [physics] is what a real robot cell adds to geometry; the only place
-where these defaults are written.
+Lengths are in metres, directions along the axes of the base, positions relative to the tool at the start. The
+controller knows all of [contact] except `tilt`, by which the real surface or axis differs.
 """
 
 from __future__ import annotations
@@ -24,8 +22,8 @@ from invariantqp.workbench.runs.section import (
     Vector6,
 )
 
-# How many lengths say how far each kind of contact extends: an edge has a length, a face two sides.
-SIDES = {"point": 0, "edge": 1, "face": 2, "hinge": 2}
+# How many numbers the size of each kind of contact has: an edge one length, a face two sides.
+SIZE_COUNT = {"point": 0, "edge": 1, "face": 2, "hinge": 2}
 
 
 class ContactSpec(Section):
@@ -79,7 +77,7 @@ class ContactSpec(Section):
 
     @model_validator(mode="after")
     def _fits_its_kind(self) -> ContactSpec:
-        wanted, given = SIDES[self.kind], 0 if self.size is None else len(self.size)
+        wanted, given = SIZE_COUNT[self.kind], 0 if self.size is None else len(self.size)
         if given != wanted:
             article = "an" if self.kind == "edge" else "a"
             raise ValueError(f"size of {article} {self.kind} has {wanted} number{'s' * (wanted != 1)}, not {given}")

@@ -1,7 +1,7 @@
-"""Task files: TOML in, a `Task` out, or every problem with its path and an example of what is right.
+"""Task files: TOML in, a `Task` out, or all errors, each with its key and an example.
 
-A task is data: robot, path, law, and the numbers that a run has to meet. SI units, radians, base frame. Keys are called
-as the arguments of the Python functions that they go to.
+A task is data: robot, path, law and acceptance limits, in SI units, radians and the base frame. Keys have the names of
+the Python arguments that they become.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.load import KNOWN, load_robot, urdf_of
 from invariantqp.velocity.limits import ToolSpeed
-from invariantqp.workbench.runs.clearancespec import Around, ClearanceSpec, ObstacleSpec
+from invariantqp.workbench.runs.clearancespec import ClearanceSpec, ObstacleScene, ObstacleSpec
 from invariantqp.workbench.runs.contactspec import ContactSpec, ForceSpec, OperatorSpec, Physics, SensorSpec
 from invariantqp.workbench.runs.path import Path
 from invariantqp.workbench.runs.section import (
@@ -43,7 +43,7 @@ from invariantqp.workbench.runs.section import (
     Section,
     Vector3,
     problems,
-    without,
+    without_errors,
 )
 
 if sys.version_info >= (3, 11):
@@ -53,7 +53,7 @@ else:
 
 T = TypeVar("T")
 
-# Folders of tasks that come with the package.
+# Folders of the tasks that come with the package.
 GROUPS = ("", "stability", "compare")
 
 
@@ -94,7 +94,7 @@ class RobotSpec(Section):
     def load(self, folder: FilePath | None) -> Chain:
         """The robot; relative URDF paths are looked up beside the task file."""
         if self.screws is None:
-            return load_robot(_looked_up(self.source, folder), self.tool, self.joints)
+            return load_robot(_resolve_source(self.source, folder), self.tool, self.joints)
         if self.tool is not None:
             raise BadInput("tool", repr(self.tool), "none with joint screws", "Their tool is at tool_point.")
         return Chain(
@@ -107,14 +107,14 @@ class RobotSpec(Section):
         )
 
 
-def _looked_up(source: str | None, folder: FilePath | None) -> str | FilePath:
-    """A source: the file of that name beside the task file, if there is one; else as it is."""
+def _resolve_source(source: str | None, folder: FilePath | None) -> str | FilePath:
+    """The file of that name in the folder of the task file, if there is one; else the source itself."""
     file = None if folder is None else folder / str(source)
     return file if file is not None and file.is_file() else str(source)
 
 
 def _form(given: Any) -> Any:
-    """A pitch, "tool" or None, as it is."""
+    """A pitch, "tool" or None, checked."""
     if given is None or given == "tool":
         return given
     if isinstance(given, (int, float)) and not isinstance(given, bool) and abs(given) <= LENGTH_LIMIT:
@@ -174,12 +174,12 @@ class LawSpec(Section):
 
 
 def law_options(robot: Robot, law: LawSpec) -> dict[str, Any]:
-    """A [law] as keyword arguments of `Controller`, which its keys are called as."""
+    """The keyword arguments of `Controller` for a [law]."""
     speed = None if law.tool_speed is None else ToolSpeed(law.tool_speed, law.tool_speed_point)
     return law.model_dump(exclude={"tool_speed_point"}) | {
         "form": tool_metric(robot) if law.form == "tool" else law.form,
         "exact": ExactPoint(law.point) if law.exact == "position" else law.exact,
-        "point": law.point if any(law.point) else None,  # in contact that is the point of contact
+        "point": law.point if any(law.point) else None,  # None is the point of contact, in contact
         "tool_speed": speed,
     }
 
@@ -219,7 +219,7 @@ class Task(Section):
     operator: OperatorSpec | None = None
     physics: Physics = Physics()
     accept_mujoco: Acceptance | None = Field(None, description="replaces [accept] in runs with MuJoCo")
-    obstacle: list[ObstacleSpec] = Field([], description="what is around the arm")
+    obstacle: list[ObstacleSpec] = Field([], description="obstacles around the arm")
     clearance: ClearanceSpec | None = Field(None, description="how far the arm keeps from that, and from itself")
     encoder_noise: Positive | None = Field(
         None, description="standard deviation of the joint positions that are read [rad, m]", examples=[1e-4]
@@ -243,17 +243,17 @@ class Task(Section):
 
     @property
     def part(self) -> Target | None:
-        """What counts of the path's poses, None for all of them."""
+        """The constrained part of the path's poses; None where all is."""
         return self.path.part(self.law.point)
 
     @property
     def settle(self) -> float:
-        """How long the path waits for contact to settle [s]; 0 without contact."""
+        """Time for which the path waits for the contact to settle [s]; 0 without contact."""
         return 0.0 if self.contact is None else self.contact.settle
 
     @property
     def ticks(self) -> int:
-        """How many ticks a run has."""
+        """Number of ticks of a run."""
         duration, dt = self.path.duration, self.law.dt
         ticks = (self.settle + duration) / dt
         if round(duration / dt) < 1 or ticks > arrays.MANY:
@@ -265,10 +265,10 @@ class Task(Section):
         """The robot's URDF file."""
         if self.robot.source is None:
             raise BadInput("physics", "a robot from joint screws", "one from a URDF", "Screws have no masses.")
-        return urdf_of(_looked_up(self.robot.source, self._folder))
+        return urdf_of(_resolve_source(self.robot.source, self._folder))
 
     def load_robot(self, tool: str | None = None) -> Chain:
-        """The task's robot, to another tool frame where one is named."""
+        """The task's robot, with another tool frame if one is named."""
         spec = self.robot if tool is None else self.robot.model_copy(update={"tool": tool})
         robot = spec.load(self._folder)
         n, m = len(self.robot.start), len(robot.names)
@@ -277,19 +277,19 @@ class Task(Section):
             raise TaskFileError(self.name, [found])
         return robot
 
-    def around(self, robot: Chain) -> Around | None:
-        """What is around the arm; None where the task has neither an [[obstacle]] nor a [clearance]."""
+    def obstacle_scene(self, robot: Chain) -> ObstacleScene | None:
+        """Obstacles and clearance; None where the task has neither an [[obstacle]] nor a [clearance]."""
         if self.clearance is None and not self.obstacle:
             return None
-        looked_up = partial(_looked_up, folder=self._folder)
-        return Around(robot, self.clearance or ClearanceSpec(), self.obstacle, looked_up)
+        resolve_source = partial(_resolve_source, folder=self._folder)
+        return ObstacleScene(robot, self.clearance or ClearanceSpec(), self.obstacle, resolve_source)
 
     def start(self) -> Array:
         """(m,) joint positions at the start."""
         return np.array(self.robot.start)
 
     def mismatches(self) -> list[str]:
-        """What does not fit together in it or with its robot, a line each as of `problems`."""
+        """Errors between its tables, or with its robot, one message each as in `problems`."""
         found: list[str] = []
 
         def check(table: str, make: Callable[[], T]) -> T | None:
@@ -305,26 +305,26 @@ class Task(Section):
             return None
 
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # a run that begins warns
+            warnings.simplefilter("ignore")  # they are given when a run begins
             check("path", lambda: self.ticks)
             robot = check("robot", self.load_robot)
             if robot is not None:
-                check("robot", lambda: started(robot, self.start()))
+                check("robot", lambda: checked_start(robot, self.start()))
                 check("path", lambda: self.path.along(robot, self.start()))
                 check("law", lambda: Controller(robot, **law_options(robot, self.law)))
-                check("clearance", lambda: self.around(robot))
+                check("clearance", lambda: self.obstacle_scene(robot))
         return found
 
 
-def started(robot: Robot, start: Array) -> Array:
-    """Joint positions (m,) at the start of a run, for which a loop holds no tick."""
+def checked_start(robot: Robot, start: Array) -> Array:
+    """Joint positions (m,) at the start of a run, which must be plausible for a controller."""
     return Controller(robot, dt=LawSpec().dt).believed(start, "robot.start")
 
 
 def shipped_tasks(group: str = "") -> dict[str, FilePath]:
-    """The tasks that come with the package, name to file: those to start from, or a group.
+    """The files of the tasks that come with the package, by name; of a group the names are such as "stability/jump".
 
-    "stability" is what breaks velocity control, "compare" what the comparison adds; names are such as "stability/jump".
+    Groups: "" are examples, "stability" are hard cases for velocity control, "compare" are those of the comparison.
     """
     arrays.choice(group, "group", GROUPS)
     installed = FilePath(str(resources.files("invariantqp"))) / "task_files"
@@ -338,8 +338,7 @@ def load_task(path_or_name: str | FilePath) -> Task:
 
     Raises:
         UnknownName: no such file and no such name; similar names are listed.
-        TaskFileError: a file that cannot be read, is not TOML, or has keys and values that do not fit: every problem
-            with its path.
+        TaskFileError: a file that cannot be read, is not TOML, or has wrong keys or values: each with its path.
     """
     arrays.instance(path_or_name, (str, FilePath), "path_or_name", "the name of a task, or the path of a task file")
     name = str(path_or_name)
@@ -358,17 +357,17 @@ def load_task(path_or_name: str | FilePath) -> Task:
 
 
 def task_from(content: dict[str, Any], source: str, folder: FilePath | None = None) -> Task:
-    """A task from decoded TOML; errors call the file `source`, relative URDF paths are looked up in `folder`."""
+    """A task from decoded TOML; `source` names the file in errors, relative URDF paths are searched in `folder`."""
     found: dict[str, str] = {}
     task: Task | None = None
     left: dict[str, Any] | None = content
-    while task is None and left is not None:  # what is wrong is left out, and the rest is read
+    while task is None and left is not None:  # read the rest without the keys in error
         try:
             task = Task.model_validate(left)
         except ValidationError as error:
             for line in problems(error, Task):
                 found.setdefault(line.partition(": ")[0], line)
-            left = without(left, error, Task)
+            left = without_errors(left, error, Task)
     if task is not None:
         task._folder = folder  # noqa: SLF001 (set once, here)
     if task is None or found:
@@ -377,7 +376,7 @@ def task_from(content: dict[str, Any], source: str, folder: FilePath | None = No
 
 
 def load_arm(source: str | FilePath, tool: str | None = None) -> Chain:
-    """The robot of a name, a URDF file, a task's name or a task file."""
+    """The robot of a name, a URDF or MJCF, a task's name or a task file."""
     if tool == "":
         raise BadInput("tool", "an empty name", "the name of a frame")
     name, known = str(source), shipped_tasks()

@@ -76,7 +76,7 @@ def test_a_format_that_cannot_be_written_is_told(tmp_path):
 def test_rounding_of_a_tool_that_stays_is_not_magnified():
     axes, rng = Figure().subplots(), np.random.default_rng(0)
     desired, drawn = 1e-16 * rng.normal(size=(2, 50, 3))
-    contact = SimpleNamespace(normal=np.array([0.0, 0.0, 1.0]), desired=desired, drawn=drawn)
+    contact = SimpleNamespace(normal=np.array([0.0, 0.0, 1.0]), desired=desired, position=drawn)
     _curve(axes, SimpleNamespace(counted_from=0), contact)
     assert np.ptp(axes.get_xlim()) >= NARROWEST
     assert any(line.get_marker() == "o" for line in axes.lines)

@@ -38,15 +38,15 @@ def test_obstacles_are_where_the_file_says_and_go_there_and_back():
             {"kind": "capsule", "at": [1, 0, 0], "to": [1, 0, 1], "radius": 0.1},
         ]
     )
-    around = one.around(one.load_robot())
-    ball, shelf = around.obstacles[:2]
-    around.move(1.0)
+    obstacle_scene = one.obstacle_scene(one.load_robot())
+    ball, shelf = obstacle_scene.obstacles[:2]
+    obstacle_scene.move(1.0)
     np.testing.assert_allclose((ball.pose @ ball.place)[:3, 3], [0.6, 0.3, 0.4], atol=1e-12)
     np.testing.assert_allclose(ball.twist, 0.0, atol=1e-12)
-    around.move(0.5)
+    obstacle_scene.move(0.5)
     np.testing.assert_allclose(ball.twist[3:], [0, -0.1 * np.pi, 0], atol=1e-12)
     np.testing.assert_allclose(2 * shelf.half, [0.4, 0.4, 0.02])
-    assert {name for pair in around.clearance.pairs for name in pair} == {
+    assert {name for pair in obstacle_scene.clearance.pairs for name in pair} == {
         "tool",
         "ball",
         "shelf",
@@ -131,7 +131,7 @@ def test_joints_of_another_arm_are_as_many_as_it_has_and_no_degrees(key, joints,
     one = task([BALL, arm])
     robot = one.load_robot()
     with pytest.raises(iq.BadInput, match=said):
-        one.around(robot)
+        one.obstacle_scene(robot)
 
 
 @pytest.mark.filterwarnings("ignore:clearance. nothing is kept apart")
@@ -142,9 +142,9 @@ def test_where_nothing_is_kept_apart_no_distance_is_told():
 
 def test_a_chart_shows_what_is_near_and_ends_at_several_times_what_is_kept():
     far, near = np.array([np.inf, 0.5, 0.03]), np.array([0.01, -0.004])
-    np.testing.assert_allclose(ClearanceTrace(far, [""] * 3, 0.02).shown[0], [0.2, 0.2, 0.03])
-    np.testing.assert_allclose(ClearanceTrace(near, [""] * 2, 0.02).shown[1], 0.04)
-    shown, most = ClearanceTrace(far, [""] * 3, 0.0).shown
+    np.testing.assert_allclose(ClearanceTrace(far, [""] * 3, 0.02).chart_range[0], [0.2, 0.2, 0.03])
+    np.testing.assert_allclose(ClearanceTrace(near, [""] * 2, 0.02).chart_range[1], 0.04)
+    shown, most = ClearanceTrace(far, [""] * 3, 0.0).chart_range
     np.testing.assert_allclose(shown, [0.5, 0.5, 0.03])
     assert most == 0.5
 
@@ -168,7 +168,7 @@ def test_a_mesh_is_read_turned_scaled_and_drawn(tmp_path):
     file.write_text("v 0 0 0\nv 400 0 0\nv 0 200 0\nv 0 0 300\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
     ramp = {"kind": "mesh", "name": "ramp", "source": str(file), "scale": 0.001, "at": [0.8, 0.5, 0.0], "hull": True}
     one = task([ramp])
-    made = one.around(one.load_robot()).obstacles[0]
+    made = one.obstacle_scene(one.load_robot()).obstacles[0]
     np.testing.assert_allclose(2.0 * made.half, [0.4, 0.2, 0.3])
     np.testing.assert_allclose(made.place[:3, 3], [1.0, 0.6, 0.15])
     drawn = timeline_of(iq.run_task(one)).solids[-1]
@@ -176,4 +176,4 @@ def test_a_mesh_is_read_turned_scaled_and_drawn(tmp_path):
     missing = task([{**ramp, "source": "nowhere.stl"}])
     robot = missing.load_robot()
     with pytest.raises(iq.BadInput, match="no mesh at"):
-        missing.around(robot)
+        missing.obstacle_scene(robot)

@@ -31,7 +31,7 @@ def judged(trace):
     """Path error [mm] and force error after settling by first principles: across the normal, and along it."""
     first = trace.counted_from
     n = np.asarray(trace.task.contact.normal)
-    apart = trace.contact.drawn[first:] - trace.contact.desired[first:]
+    apart = trace.contact.position[first:] - trace.contact.desired[first:]
     path = np.linalg.norm(apart - np.outer(apart @ n, n), axis=1)
     press = -trace.contact.wrench[first:, 3:] @ n
     return 1e3 * path.max(), np.sqrt(np.mean((press / trace.task.force.press - 1.0) ** 2))
@@ -80,10 +80,10 @@ def test_path_and_force_hold_after_contact_has_settled(name, physics):
 def test_a_door_is_swung_along_its_arc():
     trace = iq.run_task(short("hinged_door", duration=1.5))
     angle, radius = trace.task.path.angle, 0.35
-    way = trace.contact.drawn[-1] - trace.contact.drawn[0]
+    way = trace.contact.position[-1] - trace.contact.position[0]
     assert np.linalg.norm(way) == pytest.approx(2.0 * radius * np.sin(angle / 2.0), rel=5e-3)
     pull = trace.contact.wrench[-1, 3:]
-    off_axis = trace.contact.drawn[-1] - (trace.contact.desired[0] + [radius, 0.0, 0.0])
+    off_axis = trace.contact.position[-1] - (trace.contact.desired[0] + [radius, 0.0, 0.0])
     assert pull @ off_axis / radius == pytest.approx(20.0, rel=0.05)
 
 
@@ -137,7 +137,7 @@ def test_a_pen_that_leaves_its_table_says_so_first_and_presses_again(physics):
     contact = {"edges": [(-0.03, 0.0, 0.0)], "tilt": (0.01, 0.0, 0.0), "settle": 0.3}
     path = {"centre": (-0.02, 0.0, 0.0)}
     trace = iq.run_task(short("tilted_table", duration=1.2, contact=contact, path=path), physics=physics)
-    gone = trace.contact.drawn[:, 0] - trace.contact.drawn[0, 0] < -0.032  # a pen's tip has a radius of 2 mm
+    gone = trace.contact.position[:, 0] - trace.contact.position[0, 0] < -0.032  # a pen's tip has a radius of 2 mm
     assert not trace.contact.press[gone].any()
     assert set(np.array(trace.statuses)[gone]) == {"lost"}
     first = int(np.argmax(gone))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import invariantqp as iq
-from invariantqp.robots.load import IN_DATA, urdf_of
+from invariantqp.robots.load import EXAMPLE_ROBOTS, urdf_of
 from invariantqp.workbench.runs.contactspec import Physics
 from invariantqp.workbench.runs.plant import HingeSprings, Plane, SimulatedSensor, SurfaceSprings
 
@@ -22,7 +22,7 @@ def panda(touch=None, wrist=None, physics=SILENT):
     return robot, MujocoPlant(urdf_of("panda"), robot, READY, DT, touch, wrist, physics)
 
 
-@pytest.mark.parametrize("name", IN_DATA)
+@pytest.mark.parametrize("name", EXAMPLE_ROBOTS)
 def test_two_readers_of_a_urdf_agree(name):
     robot = iq.load_robot(name)
     rng = np.random.default_rng(0)

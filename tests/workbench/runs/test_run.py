@@ -10,7 +10,7 @@ from support.task_files import content, run_displaced
 
 import invariantqp as iq
 from invariantqp.workbench.runs.controllers import our_controller
-from invariantqp.workbench.runs.path import eased
+from invariantqp.workbench.runs.path import minimum_jerk
 from invariantqp.workbench.runs.taskfile import shipped_tasks, task_from
 from invariantqp.workbench.runs.trace import PathTrace
 
@@ -236,7 +236,7 @@ def test_a_near_principal_pitch_is_warned_of():
 
 def test_motion_starts_and_ends_at_rest():
     u = np.linspace(-0.5, 1.5, 2001)
-    sigma = np.array([eased(x) for x in u])
+    sigma = np.array([minimum_jerk(x) for x in u])
     assert sigma[0] == 0.0
     assert sigma[-1] == 1.0
     assert (np.diff(sigma) >= 0.0).all()
@@ -258,8 +258,8 @@ def test_what_slowed_a_path_down_is_counted_on_the_way():
     ruling = ["velocity of joint 0", "the rate asked for", "settling", "settling", "the path's end"]
     speed = np.array([0.5, 1.0, 0.0, 0.0, 0.0])
     along = PathTrace(np.zeros(5), speed, np.zeros(5), ruling, np.zeros((6, 4, 4)), "done")
-    assert along.slowed == {"velocity of joint 0": 0.5}
-    assert along.driven.tolist() == [0.5, 1.0]
+    assert along.slowdowns == {"velocity of joint 0": 0.5}
+    assert along.moving_speed.tolist() == [0.5, 1.0]
 
 
 def test_an_elastic_path_is_the_same_in_any_frame_of_the_tool():
