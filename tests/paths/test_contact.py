@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
-from support.drawing import DT, PERIOD, Drive, off_circle, slow_bench
+from support.half_circle import DT, PERIOD, Drive, off_circle, slow_bench
 
 import invariantqp as iq
 
@@ -11,7 +11,7 @@ import invariantqp as iq
 def test_a_circle_too_fast_for_the_joints_stays_one_under_its_force():
     drive = Drive(rate=1.0)
     drive.until("done", "blocked", most=1000)
-    told, path = drive.told, drive.path
+    told, path = drive.solutions, drive.path
     first = [s.status for s in told].index("slowed")
     settled = first + 66
     assert {s.status for s in told[:first]} == {"waiting"}
@@ -36,7 +36,7 @@ def test_the_path_waits_while_contact_is_lost():
     drive.tick(100)
     drive.bench.height -= 1e-2
     drive.tick(200)
-    places, statuses = zip(*((s.place, s.status) for s in drive.told), strict=True)
+    places, statuses = zip(*((s.place, s.status) for s in drive.solutions), strict=True)
     lost = [k for k in range(100, 300) if statuses[k] == "waiting"]
     assert len(lost) > 10
     assert places[lost[-1]] - places[lost[0] + 10] < 1e-3 * PERIOD
@@ -52,7 +52,7 @@ def test_a_pushed_tool_comes_back_under_its_force_and_goes_on():
     bench.q = bench.q + np.linalg.pinv(J) @ [0.0, 0.0, 0.0, 0.0, -0.03, 0.0]
     bench.height = drive.tip()[2] + 5e-4
     drive.until("done", "blocked", most=1400)
-    told = drive.told
+    told = drive.solutions
     back = [k for k, s in enumerate(told) if "off the path, pushed" in s.reason]
     assert back[0] == 100
     assert all(told[k].status == "waiting" and told[k].place == told[99].place for k in back)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.drawing import PERIOD, Drive
+from support.half_circle import PERIOD, Drive
 
 
 def test_a_pause_stands_under_the_force_and_goes_on():
@@ -32,7 +32,7 @@ def test_back_to_the_start_and_forward_to_the_end():
     drive.tick(100)
     drive.follower.reverse()
     told = drive.until("paused")
-    assert min(s.speed for s in drive.told) < 0.0
+    assert min(s.speed for s in drive.solutions) < 0.0
     assert told.ruling == "the start"
     assert told.place < 1e-6 * PERIOD
     assert np.linalg.norm(drive.tip()[:2] - start) < 1e-4
@@ -47,7 +47,7 @@ def test_an_override_of_zero_stands_and_of_a_half_is_half_as_fast():
     drive.tick(150)
     fast = {part: drive.tick(100, override=part).speed / 0.02 for part in (0.0, 0.5, 1.0, 1.5)}
     assert fast == pytest.approx({0.0: 0.0, 0.5: 0.5, 1.0: 1.0, 1.5: 1.5}, rel=1e-9, abs=1e-12)
-    assert drive.told[-1].status == "moving"
+    assert drive.solutions[-1].status == "moving"
     drive.check()
 
 

@@ -69,7 +69,7 @@ def test_the_usual_tool_is_the_last_link_before_a_hand(case):
 @pytest.mark.parametrize(
     ("name", "tool"), [("panda", "panda_hand"), ("so101", "gripper_link"), ("tiago", "hand_palm_link")]
 )
-def test_files_of_arms_with_hands(name, tool):
+def test_the_usual_tool_of_arms_with_hands(name, tool):
     assert iq.load_robot(urdf_of(name)).tool == tool
 
 
@@ -83,7 +83,7 @@ def test_an_undeclared_prefix_is_read():
 XACRO = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:include filename="a.xacro"/></robot>'
 
 
-def test_a_xacro_file_is_named_with_its_command(tmp_path):
+def test_a_xacro_file_is_refused_with_the_command_that_expands_it(tmp_path):
     file = tmp_path / "arm.urdf.xacro"
     for text in (XACRO, serial(2).replace("0 0 0.2", "0 0 ${length}")):
         file.write_text(text)
@@ -93,7 +93,7 @@ def test_a_xacro_file_is_named_with_its_command(tmp_path):
     assert len(iq.load_robot(expanded).names) == 2
 
 
-def test_a_part_of_an_mjcf_names_the_files_that_include_it(tmp_path):
+def test_a_part_of_an_mjcf_is_refused_with_the_files_that_include_it(tmp_path):
     part, scene = tmp_path / "arm" / "part.xml", tmp_path / "scene.xml"
     part.parent.mkdir()
     part.write_text("<mujocoinclude><body><joint axis='0 0 1'/></body></mujocoinclude>")
@@ -109,7 +109,7 @@ def test_a_part_of_an_mjcf_names_the_files_that_include_it(tmp_path):
 
 
 @pytest.mark.parametrize("limit", ['lower="0" upper="0"', "", 'lower="0.3" upper="0.3"'])
-def test_joints_that_cannot_move_are_named_when_the_file_is_loaded(limit):
+def test_joints_with_equal_limits_give_a_warning(limit):
     text = serial(3).replace('lower="-1" upper="1"', limit, 1)
     with pytest.warns(UserWarning, match=r"j1 cannot move.*with_limits.*joints=\[\.\.\.\]"):
         iq.load_robot(text)

@@ -39,14 +39,14 @@ def states(name):
 
 
 @pytest.mark.parametrize("name", DH)
-def test_poses_are_those_of_the_makers_parameters(name):
+def test_poses_agree_with_the_makers_dh_parameters(name):
     arm = iq.load_robot(name)
     for q in states(name):
         T = np.linalg.multi_dot([link(angle, *row) for angle, row in zip(q, DH[name], strict=True)])
         np.testing.assert_allclose(arm.pose(q), T, rtol=0.0, atol=1e-12)
 
 
-def test_the_gen3_to_the_rounding_of_its_user_guide():
+def test_the_gen3_agrees_with_its_user_guide():
     arm = iq.load_robot("gen3")
     for q in states("gen3"):
         T = iq.exp([np.pi, 0, 0, 0, 0, 0])

@@ -55,7 +55,7 @@ def test_obstacles_are_where_the_file_says_and_go_there_and_back():
     }
 
 
-def test_a_run_tells_the_least_distance_and_is_judged_by_it():
+def test_a_run_records_the_least_distance_and_is_accepted_by_it():
     trace = iq.run_task(task([BALL]))
     assert trace.clearance.distance.shape == trace.time.shape
     assert trace.summary()["nearest"].endswith("tool and ball")
@@ -68,7 +68,7 @@ def test_a_run_tells_the_least_distance_and_is_judged_by_it():
     assert iq.run_task(task_from(content(), "t.toml")).summary()["least_clearance_mm"] is None
 
 
-def test_a_clearance_that_holds_the_arm_is_a_limit_that_was_active():
+def test_a_binding_clearance_counts_as_an_active_limit():
     wall = {"kind": "half-space", "name": "wall", "at": [0.55, 0.0, 0.0], "normal": [-1.0, 0.0, 0.0]}
     room = iq.run_task(task([wall])).clearance.distance[0]
     near = task([wall], distance=room - 0.0005)  # the path is twice as long
@@ -109,13 +109,13 @@ def test_the_page_has_bodies_obstacles_and_the_curve():
     ({"kind": "half-space", "turn": [0.0, 1.0, 0.0]}, "a half-space has no turn"),
     ({"kind": "arm", "source": "ur5", "start": [0.0] * 6, "moves": [0.0, 0.1, 0.0]}, "an arm has no moves"),
 ])  # fmt: skip
-def test_what_is_wrong_with_an_obstacle_is_told_with_its_place(obstacle, said):
+def test_an_error_of_an_obstacle_has_its_path(obstacle, said):
     with pytest.raises(iq.errors.TaskFileError, match=said) as caught:
         task([obstacle])
     assert "$.obstacle[0]" in str(caught.value)
 
 
-def test_one_obstacle_in_single_brackets_is_told_of_the_others():
+def test_an_obstacle_in_single_brackets_gets_advice():
     with pytest.raises(iq.errors.TaskFileError, match=r"\$\.obstacle: write \[\[obstacle\]\], of which there may be"):
         task(BALL)
 
@@ -125,7 +125,7 @@ def test_one_obstacle_in_single_brackets_is_told_of_the_others():
     ("start", [0.0, -90.0, 90.0, 0.0, 0.0, 0.0], r"obstacle\[1\].start: found joint 1 .* degrees"),
     ("end", [0.0, 0.0, 180.0, 0.0, 0.0, 0.0], r"obstacle\[1\].end: found joint 2 .* degrees"),
 ])  # fmt: skip
-def test_joints_of_another_arm_are_as_many_as_it_has_and_no_degrees(key, joints, said):
+def test_wrong_joint_positions_of_another_arm_are_refused(key, joints, said):
     arm = {"kind": "arm", "source": "ur5", "at": [1.5, 0.0, 0.0], "start": [0.0] * 6, key: joints}
     arm["end" if key == "start" else "start"] = [0.0] * len(joints)
     one = task([BALL, arm])
@@ -135,12 +135,12 @@ def test_joints_of_another_arm_are_as_many_as_it_has_and_no_degrees(key, joints,
 
 
 @pytest.mark.filterwarnings("ignore:clearance. nothing is kept apart")
-def test_where_nothing_is_kept_apart_no_distance_is_told():
+def test_without_pairs_there_is_no_distance():
     one = task([], exclude=[])
     assert iq.run_task(one).clearance is None
 
 
-def test_a_chart_shows_what_is_near_and_ends_at_several_times_what_is_kept():
+def test_the_range_of_a_clearance_chart_is_limited():
     far, near = np.array([np.inf, 0.5, 0.03]), np.array([0.01, -0.004])
     np.testing.assert_allclose(ClearanceTrace(far, [""] * 3, 0.02).chart_range[0], [0.2, 0.2, 0.03])
     np.testing.assert_allclose(ClearanceTrace(near, [""] * 2, 0.02).chart_range[1], 0.04)
@@ -162,8 +162,7 @@ def test_the_picture_of_a_run_has_the_least_distance(tmp_path):
     assert text.count("time [s]") == 1
 
 
-def test_a_mesh_is_read_turned_scaled_and_drawn(tmp_path):
-    pytest.importorskip("coal")
+def test_a_mesh_is_scaled_placed_and_drawn(tmp_path):
     file = tmp_path / "ramp.obj"
     file.write_text("v 0 0 0\nv 400 0 0\nv 0 200 0\nv 0 0 300\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
     ramp = {"kind": "mesh", "name": "ramp", "source": str(file), "scale": 0.001, "at": [0.8, 0.5, 0.0], "hull": True}

@@ -39,30 +39,30 @@ class Drive:
 
     def __init__(self, yields=0.0, **given):
         self.bench, self.path, self.follower = prepared(yields=yields, **given)
-        self.told, self.off = [], []
+        self.solutions, self.off = [], []
 
     def tick(self, count=1, **more):
         for _ in range(count):
-            self.told.append(self.follower.step(self.bench.q, wrench=self.bench.wrench(), **more))
-            self.bench.q = self.bench.q + DT * self.told[-1].velocity
+            self.solutions.append(self.follower.step(self.bench.q, wrench=self.bench.wrench(), **more))
+            self.bench.q = self.bench.q + DT * self.solutions[-1].velocity
             self.off.append(off_circle(self.bench))
-        return self.told[-1]
+        return self.solutions[-1]
 
     def until(self, *statuses, most=2000, **more):
         for _ in range(most):
             if self.tick(**more).status in statuses:
-                return self.told[-1]
-        raise AssertionError(self.told[-1])
+                return self.solutions[-1]
+        raise AssertionError(self.solutions[-1])
 
     def tip(self):
         return self.bench.robot.pose(self.bench.q)[:3, 3]
 
     def check(self, force=0.08):
         """Limits are kept all the time; once settled the force is, and the tool is on the circle."""
-        velocity = np.array([s.velocity for s in self.told])
+        velocity = np.array([s.velocity for s in self.solutions])
         assert (np.abs(velocity) <= self.bench.robot.velocity_limit + 1e-9).all()
         jumps = np.abs(np.diff(velocity, axis=0, prepend=np.zeros((1, 7)))) / DT
         assert jumps.max() <= 5.0 * (1.0 + 1e-9)
-        first = next(k for k, s in enumerate(self.told) if s.status != "waiting") + SETTLED
-        assert max(abs(s.hybrid.intensities[0] / 5.0 - 1.0) for s in self.told[first:]) < force
+        first = next(k for k, s in enumerate(self.solutions) if s.status != "waiting") + SETTLED
+        assert max(abs(s.hybrid.intensities[0] / 5.0 - 1.0) for s in self.solutions[first:]) < force
         assert max(self.off[first:]) < 5e-5

@@ -1,4 +1,4 @@
-"""Least squares with the usual damping, as a controller of `run_task`: what our own law is measured against.
+"""Damped least squares as a controller of `run_task`: the reference that our law is compared with.
 
     minimise |A x - b|^2 + eps |x - x_p|^2 + mu |x|^2   inside the joint limits, with the exact rows C x = e
     A = root J, b = root s     at the law's point, a radian counting as the law's length
