@@ -38,8 +38,8 @@ PRISM_SIDES = 24
 # Axes and cuts are chosen with one corner for each cell of a grid: so many cells along the longer two extents, in the
 # geometric mean.
 GRID_CELLS = 80
-# Cuts are compared on every fourth triangle.
-SAMPLE_STEP = 4
+# Shares of the longest axis where cuts are tried, and one of how many triangles they are compared on.
+CUTS, SAMPLE_STEP = (0.35, 0.5, 0.65), 4
 # The search for a capsule's axis, in units of its size: it ends where a step saves less volume.
 START = 0.2 * np.vstack((np.zeros(4), np.eye(4)))
 AXIS_SEARCH = {"maxiter": 300, "fatol": 1e-3, "xatol": 1e-2, "initial_simplex": START}
@@ -281,7 +281,7 @@ def _split(part: Array, one: Capsule | Box) -> tuple[Array, list[Array], list[Ca
     points = part.reshape(-1, 3)
     n = one.place[:3, int(one.half.argmax())] if one.half.any() else np.linalg.eigh(np.cov(points.T))[1][:, -1]
     heights, rated = points.dot(n), []
-    for share in (0.35, 0.5, 0.65):
+    for share in CUTS:
         plane = np.append(n, heights.min() + share * np.ptp(heights))
         sides = _both_sides(part[::SAMPLE_STEP], plane)
         if all(len(side) for side in sides):

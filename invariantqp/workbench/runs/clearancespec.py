@@ -43,9 +43,9 @@ class ObstacleSpec(Section):
     """One [[obstacle]]: a sphere, capsule, box, mesh, half-space, or another arm."""
 
     kind: Literal["sphere", "capsule", "box", "mesh", "half-space", "arm"] = Field(
-        description="what it is", examples=["box"]
+        description="kind of obstacle", examples=["box"]
     )
-    name: str = Field("", description="what reasons call it", examples=["shelf"])
+    name: str = Field("", description="its name in reasons", examples=["shelf"])
     at: Vector3 = Field(
         (0.0, 0.0, 0.0),
         description="its middle, one end of a capsule's axis, a point of a half-space's plane, the base of an arm, the "
@@ -62,16 +62,20 @@ class ObstacleSpec(Section):
     to: Vector3 | None = Field(None, description="the other end of a capsule's axis [m]", examples=[[0.5, 0.3, 0.4]])
     normal: Direction = Field((0.0, 0.0, 1.0), description="out of a half-space", examples=[[0.0, 0.0, 1.0]])
     moves: Vector3 = Field(
-        (0.0, 0.0, 0.0), description="how far it goes and comes back, again and again [m]", examples=[[0.0, 0.3, 0.0]]
+        (0.0, 0.0, 0.0),
+        description="displacement to the other end of its motion there and back [m]",
+        examples=[[0.0, 0.3, 0.0]],
     )
     source: str | None = Field(
         None, description="an arm's name or URDF; a mesh's file, beside this one or by its path", examples=["ur5"]
     )
     scale: Positive = Field(1.0, description="of a mesh: 0.001 for a file in millimetres", examples=[0.001])
-    hull: bool = Field(False, description="take a mesh for its convex hull, which is solid", examples=[True])
+    hull: bool = Field(False, description="use the convex hull of a mesh, which is solid", examples=[True])
     start: list[Number] | None = Field(None, description="an arm's joint positions [rad, m]", examples=[[0.0, -1.2]])
-    end: list[Number] | None = Field(None, description="where its joints go and come back from", examples=[[1.0, -1.2]])
-    period: Positive = Field(4.0, description="of what moves [s]", examples=[4.0])
+    end: list[Number] | None = Field(
+        None, description="joint positions at the other end of their motion there and back", examples=[[1.0, -1.2]]
+    )
+    period: Positive = Field(4.0, description="of that motion [s]", examples=[4.0])
 
     @model_validator(mode="after")
     def _is_whole(self) -> ObstacleSpec:
@@ -95,8 +99,10 @@ class ObstacleSpec(Section):
 class ClearanceSpec(Section):
     """The [clearance] table: arguments of `limits.Clearance`."""
 
-    distance: NotNegative = Field(0.02, description="what is kept [m]", examples=[0.02])
-    exclude: list[tuple[str, str]] = Field([], description="pairs that may touch", examples=[[["tool", "table"]]])
+    distance: NotNegative = Field(0.02, description="least distance that is kept [m]", examples=[0.02])
+    exclude: list[tuple[str, str]] = Field(
+        [], description="pairs without a least distance", examples=[[["tool", "table"]]]
+    )
     body: list[BodySpec] | None = Field(
         None,
         description="capsules of the links; left out: fitted to the collision geometry of the robot's description",

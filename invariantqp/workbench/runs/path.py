@@ -34,12 +34,12 @@ class _Path(Section):
     duration: Positive = Field(description="[s]", examples=[4.0])
     timing: Literal["fixed", "elastic"] = Field(
         "fixed",
-        description='"elastic": where limits bind the tool stays on the path and is late, and the run takes longer',
+        description='"elastic": where limits bind the tool stays on the path, is late, and the run takes longer',
         examples=["elastic"],
     )
     target: Literal["pose", "point", "point and axis", "axis"] = Field(
         "pose",
-        description="what of the tool follows the path: its pose, or law.point, tool_axis or both; the rest is free",
+        description="the part of the tool that follows the path: its pose, or law.point, tool_axis or both",
         examples=["point"],
     )
     tool_axis: Direction = Field((0.0, 0.0, 1.0), description="the axis, in the tool frame", examples=[[0, 0, 1]])

@@ -58,7 +58,7 @@ GROUPS = ("", "stability", "compare")
 
 
 class Screw(Section):
-    """A joint described by its axis."""
+    """A joint by its screw axis."""
 
     axis: Direction = Field(description="in the base frame at q = 0", examples=[[0.0, 0.0, 1.0]])
     point: Vector3 = Field((0.0, 0.0, 0.0), description="of the axis [m]", examples=[[0.0, 0.3, 0.0]])
@@ -69,7 +69,7 @@ class Screw(Section):
 
 
 class RobotSpec(Section):
-    """A robot by name or URDF (`source`), or from joint screws with the place of the tool at q = 0 (`screws`)."""
+    """A robot by name or URDF (`source`), or from joint screws (`screws`) with the tool at `tool_point` at q = 0."""
 
     source: str | None = Field(
         None, min_length=1, description="a known name, or the path of a URDF beside this file", examples=["panda"]
@@ -80,7 +80,7 @@ class RobotSpec(Section):
         None, min_length=1, description="joints by their axes, base first", examples=[[{"axis": [0.0, 0.0, 1.0]}]]
     )
     tool_point: Vector3 = Field(
-        (0.0, 0.0, 0.0), description="place of the tool at q = 0, with screws [m]", examples=[[0.0, 0.6, 0.0]]
+        (0.0, 0.0, 0.0), description="position of the tool at q = 0, with screws [m]", examples=[[0.0, 0.6, 0.0]]
     )
     start: list[Number] = Field(description="joint positions [rad, m]", examples=[[0.0, 0.5, 0.0]])
 
@@ -129,14 +129,14 @@ class LawSpec(Section):
     gain: Positive | None = Field(None, description="tracking gain [1/s]", examples=[20.0])
     form: Annotated[float | Literal["tool"] | None, PlainValidator(_form)] = Field(
         None,
-        description="what is attempted of a twist beyond the joints: a pitch h [m/rad]; left out: least squares at the "
-        'point decides; "tool" is that at the origin of the tool frame',
+        description="approximation of a twist that the joints cannot do: a pitch h [m/rad]; left out: least squares at "
+        'the point; "tool": least squares at the origin of the tool frame',
         examples=[0.3],
     )
     damping: NotNegative | None = Field(None, description="lambda of a pitch form; left out: 0", examples=[0.0])
     exact: Named | None = Field(
         None,
-        description='what is met exactly: "position", or "twist", the whole twist, which limits then only slow down',
+        description='exact demand: "position", or "twist", the whole twist, which limits then only scale',
         examples=["position"],
     )
     point: Vector3 = Field(
@@ -146,18 +146,18 @@ class LawSpec(Section):
         examples=[[0.0, 0.0, 0.1]],
     )
     length: Positive | None = Field(
-        None, description="what a radian counts for there [m/rad]; left out: the arm's reach", examples=[0.5]
+        None, description="length L that counts as one radian there [m/rad]; left out: the arm's reach", examples=[0.5]
     )
     guard: StrictBool = Field(True, description="whether the descent guard is on", examples=[True])
     posture: StrictBool | list[Number] = Field(
         True,
-        description="joint positions to stay near as far as the path leaves joints free; true is the middle of their "
-        "ranges, for more than six joints",
+        description="joint positions to stay near in the null space of the path; true is the middle of their ranges, "
+        "for more than six joints",
         examples=[True],
     )
-    posture_gain: NotNegative = Field(1.0, description="how fast, while the tool moves [1/s]", examples=[1.0])
+    posture_gain: NotNegative = Field(1.0, description="gain of the posture while the tool moves [1/s]", examples=[1.0])
     joint_metric: list[Positive] | None = Field(
-        None, description="one weight for each joint: what a joint velocity costs", examples=[[1.0, 1.0, 25.0]]
+        None, description="one weight for each joint velocity", examples=[[1.0, 1.0, 25.0]]
     )
     backend: str | None = Field(
         None, description="a QP solver that solves the definition of the law; left out: the engine", examples=["daqp"]
@@ -166,7 +166,9 @@ class LawSpec(Section):
         None, description="one for all joints, or one for each [rad/s^2, m/s^2]", examples=[10.0]
     )
     delay: NotNegative = Field(0.0, description="dead time of the robot beyond one tick [s]", examples=[0.01])
-    position_margin: NotNegative = Field(0.0, description="kept from position limits [rad, m]", examples=[0.01])
+    position_margin: NotNegative = Field(
+        0.0, description="distance kept from position limits [rad, m]", examples=[0.01]
+    )
     tool_speed: Positive | None = Field(None, description="speed limit of a point of the tool [m/s]", examples=[0.25])
     tool_speed_point: Vector3 = Field(
         (0.0, 0.0, 0.0), description="that point, in the tool frame [m]", examples=[[0.0, 0.0, 0.1]]
@@ -185,21 +187,19 @@ def law_options(robot: Robot, law: LawSpec) -> dict[str, Any]:
 
 
 class Acceptance(Section):
-    """The [accept] table: the numbers that a run has to meet. What is left out is not required."""
+    """The [accept] table: limits that a run has to meet. A key that is left out is not required."""
 
     position_error_mm: Positive | None = Field(None, description="largest", examples=[0.1])
     orientation_error_deg: Positive | None = Field(None, description="largest", examples=[0.1])
     final_position_error_mm: Positive | None = Field(None, description="at the end", examples=[0.01])
     final_orientation_error_deg: Positive | None = Field(None, description="at the end", examples=[0.01])
     force_error: Positive | None = Field(
-        None, description="rms of the true contact force's error, relative to the wanted force", examples=[0.02]
+        None, description="rms error of the true contact force over the desired force", examples=[0.02]
     )
-    clearance_mm: NotNegative | None = Field(
-        None, description="the least distance of bodies that are kept apart, at least", examples=[19.9]
-    )
+    clearance_mm: NotNegative | None = Field(None, description="least distance of bodies, at least", examples=[19.9])
     limit_violation: Positive = Field(
         1e-9,
-        description="largest [rad, m; rad/s, m/s], of an acceleration limit by the velocity that a tick is beyond it",
+        description="largest excess [rad, m; rad/s, m/s]; of an acceleration limit as a velocity in a tick",
         examples=[1e-9],
     )
 
@@ -207,7 +207,7 @@ class Acceptance(Section):
 class Task(Section):
     """A problem to run; `load_task` makes one from a file."""
 
-    name: str = Field(min_length=1, description="what reports call it", examples=["panda_path"])
+    name: str = Field(min_length=1, description="name in reports", examples=["panda_path"])
     about: str = Field("", description="one sentence about it", examples=["A Panda draws a circle."])
     robot: RobotSpec
     path: Path
@@ -220,9 +220,11 @@ class Task(Section):
     physics: Physics = Physics()
     accept_mujoco: Acceptance | None = Field(None, description="replaces [accept] in runs with MuJoCo")
     obstacle: list[ObstacleSpec] = Field([], description="obstacles around the arm")
-    clearance: ClearanceSpec | None = Field(None, description="how far the arm keeps from that, and from itself")
+    clearance: ClearanceSpec | None = Field(
+        None, description="least distance of the arm from obstacles and from itself"
+    )
     encoder_noise: Positive | None = Field(
-        None, description="standard deviation of the joint positions that are read [rad, m]", examples=[1e-4]
+        None, description="standard deviation of the measured joint positions [rad, m]", examples=[1e-4]
     )
     _folder: FilePath | None = PrivateAttr(None)  # where relative URDF paths are looked up
 

@@ -73,7 +73,7 @@ PROBLEMS = {
     "soft": (pen(contact={"stiffness": 0.0}), "$.contact.stiffness", "greater than 0", "= 20000.0)"),
     "no press": ({"contact": PEN["contact"], "force": {}}, "$.force.press", "required", "(for example: press = 5.0)"),
     "force typo": (pen(force={"presss": 5.0}), "$.force.presss", "not permitted", "(did you mean 'press'?)"),
-    "two complements": (pen(force=COMPLEMENTS), "$.force", "h and complement both say what Z is", ""),
+    "two complements": (pen(force=COMPLEMENTS), "$.force", "h and complement both define Z", ""),
     "deadband": (
         pen(sensor={"force_deadband": -1.0}),
         "$.sensor.force_deadband",
