@@ -13,7 +13,7 @@ from math import inf
 from typing import Any, NamedTuple
 
 import numpy as np
-from attrs import field, frozen
+from attrs import evolve, field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.engine import law
@@ -25,9 +25,8 @@ from invariantqp.geometry.screws import axis
 from invariantqp.geometry.shapes import Core, Shape
 from invariantqp.robots.kinematics import RobotState, joint_limits
 
-# Attributes of a chain that are arguments of its constructor.
+# The limits of a chain.
 LIMITS = ("position_lower", "position_upper", "velocity_limit")
-ARGUMENTS = ("screws", "home", "names", *LIMITS, "tool", "places", "links", "coupled", "notes")
 
 
 @frozen(eq=False, repr=False, slots=False)
@@ -204,7 +203,7 @@ class Chain(Value):
             if any(link.name == label for link in links):
                 raise BadInput("name", f"{label!r}, which is a link", "a name of its own for the tool's bodies")
             links += (Link(label, len(self.joints.coordinates), home, parts),)
-        return self._changed(home=home, tool=label, links=links)
+        return evolve(self, home=home, tool=label, links=links)
 
     @property
     def joints(self) -> CoupledJoints:
@@ -232,7 +231,7 @@ class Chain(Value):
     ) -> Chain:
         """The same chain with other limits, (m,) each or one for all joints; None keeps the old ones."""
         given = {"position_lower": position_lower, "position_upper": position_upper, "velocity_limit": velocity_limit}
-        return self._changed(**{name: value for name, value in given.items() if value is not None})
+        return evolve(self, **{name: value for name, value in given.items() if value is not None})
 
     def __eq__(self, other: object) -> bool:
         equal = super().__eq__(other)
@@ -248,10 +247,6 @@ class Chain(Value):
             for link in self.links
             if any(part.exact for part in link.parts)
         )
-
-    def _changed(self, **changes: Any) -> Chain:
-        """The chain with some arguments of its constructor changed."""
-        return Chain(**{name: getattr(self, name) for name in ARGUMENTS} | changes)
 
     @cached_property
     def model(self) -> Any:

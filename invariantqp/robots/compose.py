@@ -15,6 +15,7 @@ from math import inf
 from typing import Any
 
 import numpy as np
+from attrs import evolve
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput
@@ -81,7 +82,6 @@ def relative(arm: Chain, other: Chain) -> Chain:
     back = se3.inverse(other.home, check=False)
     names = list(_unique_names(arm.names, other.names, "other/").values())
     moved = _with_base_at(other, back)
-    kept = {name: getattr(moved, name)[::-1] for name in PER_JOINT}
     n, k = len(names), len(moved.joints.coordinates)
     links = tuple(link._replace(body=k - link.body) for link in _renamed(moved.links, arm.links, "other/"))
     coupled = moved.coupled and CoupledJoints(
@@ -89,24 +89,23 @@ def relative(arm: Chain, other: Chain) -> Chain:
         tuple(n - 1 - i for i in moved.coupled.coordinates[::-1]),
         tuple(k - 1 - i for i in moved.coupled.drivers[::-1]),
     )
-    more: dict[str, Any] = {"links": links, "coupled": coupled, "notes": moved.notes}
-    reverse = Chain(-moved.screws[:, ::-1], np.eye(4), names[::-1], **kept, **more)
+    limits = {name: getattr(moved, name)[::-1] for name in PER_JOINT}
+    screws = -moved.screws[:, ::-1]
+    reverse = evolve(moved, screws=screws, home=np.eye(4), names=names[::-1], links=links, coupled=coupled, **limits)
     return _chain([reverse, _with_base_at(arm, back)], back.dot(arm.home), arm.tool)
 
 
 def _with_base_at(arm: Chain, place: Array) -> Chain:
     """The same joints with their base frame at a (4, 4) pose in a new one."""
-    screws = se3.adjoint(place, check=False).dot(arm.screws)
-    places = arm.places.dot(place[:3, :3].T) + place[:3, 3]
-    limits = (arm.position_lower, arm.position_upper, arm.velocity_limit)
-    links = tuple(link._replace(frame=place.dot(link.frame)) for link in arm.links)
-    coupled = (
-        None
-        if arm.coupled is None
-        else arm.coupled._replace(screws=se3.adjoint(place, check=False).dot(arm.coupled.screws))
+    A = se3.adjoint(place, check=False)
+    return evolve(
+        arm,
+        screws=A.dot(arm.screws),
+        home=place.dot(arm.home),
+        places=arm.places.dot(place[:3, :3].T) + place[:3, 3],
+        links=tuple(link._replace(frame=place.dot(link.frame)) for link in arm.links),
+        coupled=arm.coupled and arm.coupled._replace(screws=A.dot(arm.coupled.screws)),
     )
-    more: dict[str, Any] = {"places": places, "links": links, "coupled": coupled, "notes": arm.notes}
-    return Chain(screws, place.dot(arm.home), arm.names, *limits, tool=arm.tool, **more)
 
 
 def _chain(parts: Sequence[Chain], home: Array, tool: str) -> Chain:

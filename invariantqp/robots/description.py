@@ -70,7 +70,9 @@ def require_robot(name: str, root: ET.Element) -> None:
             raise RobotModelError(f"{name}: a xacro file, which is made into a URDF. {command}")
         if root.find("joint") is None:
             raise RobotModelError(f"{name}: found <robot> without joints, a single body; expected a URDF of an arm")
-    elif root.tag == "mujocoinclude" or (root.tag == "mujoco" and not has_bodies(root)):
+    elif root.tag == "mujocoinclude" or (
+        root.tag == "mujoco" and not any(part.tag in ("worldbody", "include") for part in root.iter())
+    ):
         raise RobotModelError(
             f"{name}: a part of an MJCF, found <{root.tag}> without <worldbody>. {files_that_include(name)}"
         )
@@ -85,11 +87,6 @@ def is_xacro(root: ET.Element) -> bool:
         return True
     elements = (element for child in root if child.tag in ("joint", "link") for element in child.iter())
     return any(XACRO.search(value) for element in elements for value in element.attrib.values())
-
-
-def has_bodies(root: ET.Element) -> bool:
-    """Whether a <mujoco> has bodies, or includes a file that may have them."""
-    return any(element.tag in ("worldbody", "include") for element in root.iter())
 
 
 def files_that_include(name: str) -> str:

@@ -25,15 +25,9 @@ __all__ = ["model_of", "pin"]
 def model_of(
     screws: Array, places: Array, home: Array, names: Sequence[str], limits: Sequence[Array], tool: str
 ) -> pin.Model:
-    """A `pinocchio.Model` without masses from joint screws.
+    """A `pinocchio.Model` without masses from unit screws (6, m) at q = 0, base frame, on axes through places (m, 3).
 
-    Args:
-        screws: (6, m) unit twists at q = 0 in the base frame.
-        places: (m, 3) points of their axes, where the joint frames are at q = 0.
-        home: (4, 4) tool pose at q = 0.
-        names: of the joints.
-        limits: lower and upper position limits and velocity limits, (m,) each.
-        tool: name of the tool frame.
+    `home` is the (4, 4) tool pose at q = 0; `limits` are lower and upper position and velocity limits, (m,) each.
     """
     model, last = pin.Model(), np.eye(4)
     joint = 0

@@ -231,7 +231,7 @@ def test_damping_has_no_pole_where_the_papers_lambda_has_one(damping):
     assert np.abs(iq.solve_velocity(J, s, form=h, damping=damping).velocity).max() < 1e2
 
 
-def test_the_library_has_the_group_apart():
+def test_the_group_of_hard_cases_is_apart_from_the_examples():
     assert shipped_tasks("stability")
     assert not set(shipped_tasks("stability")) & set(shipped_tasks())
     for name in shipped_tasks("stability"):
