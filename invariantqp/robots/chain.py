@@ -218,9 +218,9 @@ class Chain(Value):
             if name not in last:
                 movable = f"links that the last joint moves: {', '.join(last) or 'it moves none that is known'}"
                 raise BadInput("without", repr(name), movable)
-        kept = (link for link in self.links if link.name not in removed)
+        others = (link for link in self.links if link.name not in removed)
         return tuple(
-            link._replace(excludes=tuple(pair for pair in link.excludes if pair[0] not in removed)) for link in kept
+            link._replace(excludes=tuple(pair for pair in link.excludes if pair[0] not in removed)) for link in others
         )
 
     def with_limits(
@@ -230,8 +230,9 @@ class Chain(Value):
         velocity_limit: ArrayLike | None = None,
     ) -> Chain:
         """The same chain with other limits, (m,) each or one for all joints; None keeps the old ones."""
-        given = {"position_lower": position_lower, "position_upper": position_upper, "velocity_limit": velocity_limit}
-        return evolve(self, **{name: value for name, value in given.items() if value is not None})
+        given = zip(LIMITS, (position_lower, position_upper, velocity_limit), strict=True)
+        changes: dict[str, Any] = {name: value for name, value in given if value is not None}
+        return evolve(self, **changes)
 
     def __eq__(self, other: object) -> bool:
         equal = super().__eq__(other)

@@ -3,7 +3,7 @@
 With T = exp(s_1 q_1) ... exp(s_m q_m) T_0:
 
     a stands on b     screws  (b_1, ..., b_n, Ad(B_0) a_1, ..., Ad(B_0) a_m)                         T_0 = B_0 A_0
-    a seen from b     screws  (-Ad(B_0^-1) b_n, ..., -Ad(B_0^-1) b_1, Ad(B_0^-1) a_1, ...)      T_0 = B_0^-1 A_0
+    a relative to b   screws  (-Ad(B_0^-1) b_n, ..., -Ad(B_0^-1) b_1, Ad(B_0^-1) a_1, ...)      T_0 = B_0^-1 A_0
 
 since B^-1 A = B_0^-1 exp(-b_n p_n) ... exp(-b_1 p_1) exp(a_1 q_1) ... A_0.
 """

@@ -92,11 +92,15 @@ def is_xacro(root: ET.Element) -> bool:
 def files_that_include(name: str) -> str:
     """Advice that names the files, in the folder of an MJCF or the one above, that include it."""
     file = Path(name)
-    found = []
+    including = []
     if file.is_file():
         for folder in (file.parent, file.parent.parent):
-            found += [other.name for other in sorted(folder.glob("*.xml")) if other != file and _includes(other, file)]
-    return f"Load a file that includes it: {', '.join(found[:3])}" if found else "Load the file that includes it"
+            including += [
+                other.name for other in sorted(folder.glob("*.xml")) if other != file and _includes(other, file)
+            ]
+    return (
+        f"Load a file that includes it: {', '.join(including[:3])}" if including else "Load the file that includes it"
+    )
 
 
 def _includes(other: Path, file: Path) -> bool:

@@ -181,7 +181,7 @@ def _from_description(source: Path | str, tool: str | None, joints: Sequence[str
 
 
 def _library(source: object) -> str | None:
-    """The library of a model, told by an attribute, so that no library is imported."""
+    """The library of a model, recognised by an attribute, so that no library is imported."""
     if isinstance(source, type):
         return None
     marks = {"pinocchio": "createData", "mujoco": "jnt_qposadr", "yourdfpy": "link_map"}

@@ -228,8 +228,8 @@ def _data_at_rest(model: Any, tree: Sequence[TreeJoint], moving: Sequence[str]) 
 
 def _body_of(model: Any, frame: str | int, kind: str) -> int:
     """The body that carries a "body", "geom" or "site"."""
-    found = getattr(model, kind)(frame)
-    return int(found.id if kind == "body" else found.bodyid[0])
+    carrier = getattr(model, kind)(frame)
+    return int(carrier.id if kind == "body" else carrier.bodyid[0])
 
 
 def _twists(model: Any, data: Any, body: int) -> Array:

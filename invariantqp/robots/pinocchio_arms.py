@@ -169,11 +169,11 @@ def _limits(model: pin.Model, joint: int) -> tuple[float, float]:
 
 def _frame(model: pin.Model, name: str) -> int:
     """The index of a frame; of two with the same name the link's."""
-    found = [i for i, frame in enumerate(model.frames) if frame.name == name]
-    if not found:
+    indices = [i for i, frame in enumerate(model.frames) if frame.name == name]
+    if not indices:
         known = [frame.name for frame in model.frames]
         raise UnknownName("frame", name, difflib.get_close_matches(name, known), known)
-    return max(found, key=lambda i: model.frames[i].type == pin.FrameType.BODY)
+    return max(indices, key=lambda i: model.frames[i].type == pin.FrameType.BODY)
 
 
 def _support(model: pin.Model, frame: Any) -> list[int]:

@@ -69,7 +69,7 @@ class Visual(NamedTuple):
 
 
 def visual_geometry(name: str, root: ET.Element, folder: Path | None) -> list[Visual]:
-    """The visual geometry of a URDF's root element; errors are kept as in `collision_geometry`."""
+    """The visual geometry of a URDF's root element; errors as in `collision_geometry`."""
     colours = {material.get("name"): _colour(material) for material in root.findall("material")}
     visuals = []
     for link in root.findall("link"):
@@ -247,8 +247,8 @@ def _fix(element: ET.Element, joint: TreeJoint) -> None:
 
     if joint.kind in SINGLE_AXIS_TYPES and rest_position(joint):
         place = joint.origin.dot(displacement(joint, rest_position(joint)))
-        found = element.find("origin")
-        origin = ET.SubElement(element, "origin") if found is None else found
+        origin = element.find("origin")
+        origin = ET.SubElement(element, "origin") if origin is None else origin
         origin.set("xyz", " ".join(map(repr, place[:3, 3].tolist())))
         origin.set("rpy", " ".join(map(repr, Rotation.from_matrix(place[:3, :3]).as_euler("xyz").tolist())))
     element.set("type", "fixed")

@@ -117,9 +117,9 @@ def _keys(fields: Mapping[str, FieldInfo], given: Mapping[str, Any]) -> Iterator
         if value is None:
             value = (field.examples or [""])[0]
         line = f"{'' if name in given else '# '}{name} = {toml(value)}"
-        beside = f"{line:<{COMMENT_COLUMN}}  # {field.description}" if field.description else line
-        if len(beside) <= WIDTH:
-            yield beside
+        with_comment = f"{line:<{COMMENT_COLUMN}}  # {field.description}" if field.description else line
+        if len(with_comment) <= WIDTH:
+            yield with_comment
         else:
             yield from wrap(f"{name}: {field.description}", WIDTH, initial_indent="# ", subsequent_indent="#   ")
             yield line

@@ -81,9 +81,9 @@ def prepare(task: Task, physics: str = "ideal", **overrides: Any) -> Setup:
     try:
         return _prepared(task, physics)
     except InvariantQPError:
-        found = task.mismatches()
-        if len(found) > 1:
-            raise TaskFileError(task.name, found) from None
+        errors = task.mismatches()
+        if len(errors) > 1:
+            raise TaskFileError(task.name, errors) from None
         raise
 
 

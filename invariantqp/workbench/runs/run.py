@@ -35,15 +35,15 @@ def warnings_of(robot: Robot, form: Form | None, q: Array, solutions: Sequence[V
     """Warnings about a run with joint positions q (n + 1, m), under a law with this form."""
     n = len(solutions)
     damped = sum(getattr(s, "damping", 0.0) > 0.0 for s in solutions)  # laws of other controllers may lack it
-    found = [f"{damped} of {n} ticks were damped, near a singularity or a principal pitch"] if damped else []
+    warnings = [f"{damped} of {n} ticks were damped, near a singularity or a principal pitch"] if damped else []
     for status in ("limited", "guarded", "scaled", "degraded", "held", "overload", "fault"):
         hits = [s for s in solutions if s.status == status]
         if hits:
             noun = f"{status}s" if status in ("overload", "fault") else status
-            found.append(f"{len(hits)} of {n} ticks were {noun}; the first: {hits[0].reason}")
+            warnings.append(f"{len(hits)} of {n} ticks were {noun}; the first: {hits[0].reason}")
     if isinstance(form, PitchForm) and len(robot.names) < 6:
-        found += _about_pitches(robot, form.h, q)
-    return found
+        warnings += _about_pitches(robot, form.h, q)
+    return warnings
 
 
 def _about_pitches(robot: Robot, h: float, q: Array) -> list[str]:
@@ -157,10 +157,10 @@ def _trace(
 
 def _clearance(obstacle_scene: ObstacleScene, q: Array, dt: float) -> ClearanceTrace | None:
     """The least distances at q (n + 1, m), and their bodies; None where no pair is kept apart."""
-    found = []
+    nearest = []
     for k, state in enumerate(q):
         obstacle_scene.move(k * dt)
-        found.append(obstacle_scene.clearance.at(state))
-    distances = np.array([near.distance for near in found])
-    pairs = [f"{near.first} and {near.second}" for near in found]
+        nearest.append(obstacle_scene.clearance.at(state))
+    distances = np.array([near.distance for near in nearest])
+    pairs = [f"{near.first} and {near.second}" for near in nearest]
     return ClearanceTrace(distances, pairs, obstacle_scene.clearance.distance) if np.isfinite(distances).any() else None

@@ -71,17 +71,17 @@ class _Place(NamedTuple):
 
 def problems(error: ValidationError, root: type[BaseModel]) -> list[str]:
     """A message for each place in a file for `root` where pydantic found an error."""
-    found: dict[str, list[str]] = {}
+    messages: dict[str, list[str]] = {}
     advice: dict[str, str] = {}
     for one in error.errors():
         unknown = one["type"] == "extra_forbidden"
         place = _place(one["loc"], root, unknown)
         single = one["type"] == "list_type" and isinstance(one["input"], dict)
-        found.setdefault(place.path, []).append(
+        messages.setdefault(place.path, []).append(
             f"write [[{place.path[2:]}]], of which there may be several" if single else message(one)
         )
         advice[place.path] = _advice(place, unknown)
-    return [f"{path}: {' or '.join(texts)}{advice[path]}" for path, texts in found.items()]
+    return [f"{path}: {' or '.join(texts)}{advice[path]}" for path, texts in messages.items()]
 
 
 def without_errors(content: dict[str, Any], error: ValidationError, root: type[BaseModel]) -> dict[str, Any] | None:
@@ -101,9 +101,9 @@ def without_errors(content: dict[str, Any], error: ValidationError, root: type[B
     return left
 
 
-def message(found: Any) -> str:
+def message(error: Any) -> str:
     """The text of one of pydantic's errors, as part of a sentence."""
-    words = str(found["msg"]).removeprefix("Value error, ")
+    words = str(error["msg"]).removeprefix("Value error, ")
     return words if words[1:2].isupper() else words[:1].lower() + words[1:]
 
 

@@ -92,7 +92,7 @@ class RobotSpec(Section):
         return self
 
     def load(self, folder: FilePath | None) -> Chain:
-        """The robot; relative URDF paths are looked up beside the task file."""
+        """The robot; relative URDF paths start at the folder of the task file."""
         if self.screws is None:
             return load_robot(_resolve_source(self.source, folder), self.tool, self.joints)
         if self.tool is not None:
@@ -236,8 +236,8 @@ class Task(Section):
             raise ValueError("[operator] is for a tool that touches nothing; leave out [contact] and [force]")
         if self.path.timing == "elastic" and (self.contact is not None or self.operator is not None):
             raise ValueError('timing = "elastic" is for a path alone; leave out [contact] and [operator]')
-        beside = self.contact is not None or self.operator is not None or isinstance(self.law.form, float)
-        if self.path.target != "pose" and (beside or self.law.exact is not None):
+        needs_pose = self.contact is not None or self.operator is not None or isinstance(self.law.form, float)
+        if self.path.target != "pose" and (needs_pose or self.law.exact is not None):
             raise ValueError(
                 f'target = "{self.path.target}" is for a path alone; leave out [contact], [operator], form and exact'
             )
@@ -292,18 +292,18 @@ class Task(Section):
 
     def mismatches(self) -> list[str]:
         """Errors between its tables, or with its robot, one message each as in `problems`."""
-        found: list[str] = []
+        errors: list[str] = []
 
         def check(table: str, make: Callable[[], T]) -> T | None:
             try:
                 return make()
             except TaskFileError as error:
-                found.extend(error.problems)
+                errors.extend(error.problems)
             except BadInput as error:
                 known = re.split(r"[.\[]", error.argument)[0] in Task.model_fields
-                found.append(f"$.{error}" if known else f"$.{table}.{error}")
+                errors.append(f"$.{error}" if known else f"$.{table}.{error}")
             except InvariantQPError as error:
-                found.append(f"$.{table}: {error}")
+                errors.append(f"$.{table}: {error}")
             return None
 
         with warnings.catch_warnings():
@@ -315,7 +315,7 @@ class Task(Section):
                 check("path", lambda: self.path.along(robot, self.start()))
                 check("law", lambda: Controller(robot, **law_options(robot, self.law)))
                 check("clearance", lambda: self.obstacle_scene(robot))
-        return found
+        return errors
 
 
 def checked_start(robot: Robot, start: Array) -> Array:
@@ -360,7 +360,7 @@ def load_task(path_or_name: str | FilePath) -> Task:
 
 def task_from(content: dict[str, Any], source: str, folder: FilePath | None = None) -> Task:
     """A task from decoded TOML; `source` names the file in errors, relative URDF paths are searched in `folder`."""
-    found: dict[str, str] = {}
+    errors: dict[str, str] = {}
     task: Task | None = None
     left: dict[str, Any] | None = content
     while task is None and left is not None:  # read the rest without the keys in error
@@ -368,12 +368,12 @@ def task_from(content: dict[str, Any], source: str, folder: FilePath | None = No
             task = Task.model_validate(left)
         except ValidationError as error:
             for line in problems(error, Task):
-                found.setdefault(line.partition(": ")[0], line)
+                errors.setdefault(line.partition(": ")[0], line)
             left = without_errors(left, error, Task)
     if task is not None:
         task._folder = folder  # noqa: SLF001 (set once, here)
-    if task is None or found:
-        raise TaskFileError(source, [*found.values(), *(task.mismatches() if task is not None else ())])
+    if task is None or errors:
+        raise TaskFileError(source, [*errors.values(), *(task.mismatches() if task is not None else ())])
     return task
 
 
