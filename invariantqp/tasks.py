@@ -1,4 +1,4 @@
-"""Task files and their runs in closed loop."""
+"""Task files, and closed-loop runs of them; public names of the workbench, loaded on first use."""
 
 from typing import TYPE_CHECKING
 

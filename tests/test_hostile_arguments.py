@@ -29,7 +29,7 @@ NOT_CALLED = {
     "FrameCheck GibsonHunt LinkTick HybridSolution HyperbolicPolar HyperbolicSpectrum Inspection "
     "Involution Margins NullPlane PenroseConditions PointMotion PoseSolution Recommendation "
     "Code Loop Reason "
-    "SensorCheck Sighting StationaryPoint Status Survey "
+    "SensorCheck RobotState StationaryPoint Status Survey "
     "SystemReport Trace VelocitySolution VelocitySolutions View",
     "an error or a warning: the library raises it": "BadInput BlindSystem InvariantQPError MissingExtra "
     "NoContactFound NoPolarDecomposition NoProjectors NoPseudoinverse RobotModelError SolverFailure TaskFileError "

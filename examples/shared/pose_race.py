@@ -197,7 +197,7 @@ def _pinv(robot: Robot, time_limit: float) -> Solver:
         desired = robot.target(target)
 
         def step(q: Array) -> Array:
-            state = robot.sight(q, desired)
+            state = robot.state(q, desired)
             return np.asarray(np.linalg.pinv(state.J).dot(state.error))
 
         return _iterated(robot, desired, start, step, time_limit)

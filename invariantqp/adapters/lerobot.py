@@ -139,7 +139,7 @@ class RobotKinematics:
         lower = np.maximum(q - self._frame_displacement, np.minimum(self.robot.position_lower, q))
         upper = np.minimum(q + self._frame_displacement, np.maximum(self.robot.position_upper, q))
         for tick in range(TICKS):
-            J, error, _ = state = self.robot.sight(q, target)
+            J, error, _ = state = self.robot.state(q, target)
             position, desired = self.robot.points(state, target, np.zeros(3))
             turn = same_turn(error, self._last_turn)[:3]
             self._last_turn = turn.copy()

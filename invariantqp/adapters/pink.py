@@ -18,8 +18,8 @@ from invariantqp.geometry.arrays import Array
 
 from invariantqp.robots.pink import Configuration, FrameTask  # isort: skip (it names the extra that brings both)
 from invariantqp.robots.chain import Chain
-from invariantqp.robots.models import chain_to
 from invariantqp.robots.pinocchio import pin
+from invariantqp.robots.pinocchio_arms import chain_to
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack

@@ -18,7 +18,7 @@ from invariantqp.control.loop_limits import LoopLimits, RowLimits, TickChanges, 
 from invariantqp.engine import law
 from invariantqp.errors import BadInput, InvariantQPError, excerpt
 from invariantqp.geometry.arrays import Array, vector
-from invariantqp.robots.kinematics import Robot, Sighting, joint_displacement
+from invariantqp.robots.kinematics import Robot, RobotState, joint_displacement
 from invariantqp.velocity.backends import Backend, SolverFailure
 from invariantqp.velocity.definition import Answer, Rows, Tick, velocity
 from invariantqp.velocity.exact import ExactRows, whitened
@@ -183,12 +183,12 @@ class Callbacks:
 
         return recorded
 
-    def _sighting(self, q: Array) -> Sighting:
+    def _state_at(self, q: Array) -> RobotState:
         robot = self._loop.robot
-        return robot.sight(q, robot.target(robot.pose(q) if self._target is None else self._target))
+        return robot.state(q, robot.target(robot.pose(q) if self._target is None else self._target))
 
     def _arm(self, q: Array) -> tuple[Array, Any]:
-        return seen(self._sighting(q))
+        return engine_state(self._state_at(q))
 
     def _limit_rows(self, limit: Limit | LimitRows, limits: RowLimits, q: Array, before: Array) -> Any:
         """The rows of a limit at joint positions q (m,) or None; False if they cannot be used."""
@@ -213,7 +213,7 @@ class Callbacks:
         robot = self._loop.robot
         pose = self._target if nearest is None else nearest
         target = robot.target(robot.pose(q) if pose is None else pose)
-        rows = rows_of(self._loop.exact, View(robot, robot.sight(q, target), target, gain, feedforward))
+        rows = rows_of(self._loop.exact, View(robot, robot.state(q, target), target, gain, feedforward))
         return rows.A, rows.b, rows.of_twist
 
     def _law(self, fields: dict[str, Any]) -> tuple[Any, ...] | None:
@@ -320,12 +320,12 @@ class LoopInEngine:
         return calls.completed(solution_of(fields, calls.row_names(origins), names), too_near)
 
 
-def seen(sighting: Sighting) -> tuple[Array, Any]:
-    """A sighting as the engine takes it.
+def engine_state(state: RobotState) -> tuple[Array, Any]:
+    """A state as the engine takes it.
 
     Raises:
         BadInput: something else.
     """
-    if not isinstance(sighting, Sighting):
-        raise BadInput("sighting", excerpt(sighting), "what robot.sight returned")
-    return sighting.J, sighting.pose
+    if not isinstance(state, RobotState):
+        raise BadInput("robot_state", excerpt(state), "what robot.state(q, target) returned")
+    return state.J, state.pose

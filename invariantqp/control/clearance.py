@@ -67,7 +67,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.distance import CollisionObject
 from invariantqp.geometry.shapes import Core, Shape
 from invariantqp.robots.chain import Chain
-from invariantqp.robots.kinematics import MILLIMETRES, Robot, far_away, middle
+from invariantqp.robots.kinematics import MILLIMETRES_HINT, Robot, middle, plausible_distance
 from invariantqp.velocity.limits import LimitRows
 from invariantqp.velocity.solution import ACTIVE_TOLERANCE
 
@@ -177,7 +177,10 @@ class Clearance(Limit):
     def _warn_of_obstacles(self) -> None:
         """Warn of obstacles as far away and as large as in millimetres; small ones may be parked there."""
         mid = middle(self.robot)
-        far, nearest = far_away(self.robot, self.robot.jacobian(mid), self.robot.pose(mid)[:3, 3]), dict[str, float]()
+        far, nearest = (
+            plausible_distance(self.robot, self.robot.jacobian(mid), self.robot.pose(mid)[:3, 3]),
+            dict[str, float](),
+        )
         for (_, name), distance in self.distances(mid).items():
             nearest[name] = min(nearest.get(name, inf), distance)
         large = []
@@ -187,7 +190,9 @@ class Clearance(Limit):
                 large.append(f"{name} by {nearest[name]:.4g}")
         if large:
             warnings.warn(
-                f"clearance: the arm is away from {', '.join(large)} [length]. {MILLIMETRES}", UserWarning, stacklevel=3
+                f"clearance: the arm is away from {', '.join(large)} [length]. {MILLIMETRES_HINT}",
+                UserWarning,
+                stacklevel=3,
             )
 
     def _warn_of_distance(self) -> None:

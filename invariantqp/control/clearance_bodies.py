@@ -25,7 +25,7 @@ from invariantqp.robots.bodies import bodies_of
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot, continuous_turns
 from invariantqp.robots.tree import Exclusions
-from invariantqp.robots.urdf import excluded
+from invariantqp.robots.urdf import excluded_pairs
 from invariantqp.velocity.limits import accelerations
 
 
@@ -231,30 +231,30 @@ def pairs_of(
     """The pairs of shapes that are checked, by index, and the pairs of bodies that are not, as in `Clearance`."""
     names = list(dict.fromkeys(geom.name for geom in geoms))
     chosen = None if pairs is None else {frozenset(pair) for pair in _checked_names(pairs, "pairs", names)}
-    excluded_pairs: Exclusions = excluded(robot, exclude if isinstance(exclude, (str, PathLike)) else None)
+    exclusions: Exclusions = excluded_pairs(robot, exclude if isinstance(exclude, (str, PathLike)) else None)
     if not isinstance(exclude, (str, PathLike)):
         added = _checked_names(exclude, "exclude", names)
-        excluded_pairs = {**excluded_pairs, **{frozenset(pair): "excluded" for pair in added}}
+        exclusions = {**exclusions, **{frozenset(pair): "excluded" for pair in added}}
     dropped: dict[tuple[str, str], str] = {}
     checked = []
     for i, j in combinations(range(len(geoms)), 2):
         a, b = geoms[i], geoms[j]
         if not a.is_own_link or a.name == b.name:
             continue
-        if reason := _drop_reason(robot, a, b, chosen, excluded_pairs):
+        if reason := _drop_reason(robot, a, b, chosen, exclusions):
             dropped[a.name, b.name] = reason
         else:
             checked.append((i, j))
     return checked, tuple(Dropped(*names, reason) for names, reason in dropped.items())
 
 
-def _drop_reason(robot: Chain, a: Geom, b: Geom, chosen: set[frozenset[str]] | None, excluded_pairs: Exclusions) -> str:
+def _drop_reason(robot: Chain, a: Geom, b: Geom, chosen: set[frozenset[str]] | None, exclusions: Exclusions) -> str:
     """Why a pair of a link and another body is not checked, "" if it is."""
     names = frozenset((a.name, b.name))
     if chosen is not None:
-        return excluded_pairs.get(names, "") if names in chosen else "not among the pairs given"
-    if names in excluded_pairs:
-        return excluded_pairs[names]
+        return exclusions.get(names, "") if names in chosen else "not among the pairs given"
+    if names in exclusions:
+        return exclusions[names]
     if not b.is_own_link:
         return "" if a.joints else "no joint moves it"
     if a.joints == b.joints:

@@ -16,7 +16,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.control.callbacks import Callbacks, LoopInEngine, seen
+from invariantqp.control.callbacks import Callbacks, LoopInEngine, engine_state
 from invariantqp.control.demands import (
     Exact,
     ExactPoint,
@@ -53,7 +53,7 @@ from invariantqp.geometry.screws import angular_speeds
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import (
     Robot,
-    Sighting,
+    RobotState,
     continuous_turns,
     middle,
     require_robot,
@@ -199,7 +199,7 @@ class Controller:
             warn_of_gain(self.gain, self.dt)
         self.exact: tuple[Exact, ...] = demands_of(exact)
         mid = middle(robot)
-        state = robot.sight(mid, robot.target(robot.pose(mid)))  # also loads modules that the first tick needs
+        state = robot.state(mid, robot.target(robot.pose(mid)))  # also loads modules that the first tick needs
         tip = np.asarray(robot.pose(mid)[:3, 3])
         if self.exact:  # raises for demands on another number of joints
             rows_of(self.exact, View(robot, state, robot.target(robot.pose(mid)), 1.0, np.zeros(6)))
@@ -361,7 +361,7 @@ class Controller:
         *,
         at: Literal["tool", "base"] = "tool",
         rows: ExactRows | None = None,
-        sighting: Sighting | None = None,
+        robot_state: RobotState | None = None,
         measured_at: ArrayLike | None = None,
         posture: ArrayLike | None = None,
         speed: float = 1.0,
@@ -401,14 +401,14 @@ class Controller:
         if rows is not None:
             require_rows(rows, len(self.robot.names))
             more["exact"] = rows.A, rows.b, rows.of_twist
-        if sighting is not None:
-            more["arm"] = seen(sighting)
+        if robot_state is not None:
+            more["arm"] = engine_state(robot_state)
         if twist is None:
             raise BadInput("twist", "None", "(6,) numbers")
         return self._tick(changes, q, None, twist, velocity, measured_at=measured_at, posture=posture, **more)
 
     def rest(
-        self, q: ArrayLike, reason: str, velocity: ArrayLike | None = None, sighting: Sighting | None = None
+        self, q: ArrayLike, reason: str, velocity: ArrayLike | None = None, robot_state: RobotState | None = None
     ) -> VelocitySolution:
         """One tick at rest; an arm outside its limits moves back inside.
 
@@ -416,14 +416,14 @@ class Controller:
             q: (m,) measured joint positions [rad, length].
             reason: why, in words; it becomes the solution's reason.
             velocity: as in `step`.
-            sighting: as in `follow`.
+            robot_state: as in `follow`.
 
         Raises:
             BadInput: NaN or wrong shapes; the controller's state does not change.
         """
         if not isinstance(reason, str):
             raise BadInput("reason", excerpt(reason), "a text")
-        arm = {} if sighting is None else {"arm": seen(sighting)}
+        arm = {} if robot_state is None else {"arm": engine_state(robot_state)}
         solution = self._tick(None, q, None, None, velocity, stand=True, **arm)
         if not reason or any(one.code is Code.IMPLAUSIBLE_POSITION for one in solution.reasons):
             return solution
@@ -466,7 +466,7 @@ def bad_input(
             point = checked_target(target).point
         else:
             pose = loop.robot.target(target)
-            point = loop.robot.points(loop.robot.sight(positions, pose), pose, np.zeros(3))[1]
+            point = loop.robot.points(loop.robot.state(positions, pose), pose, np.zeros(3))[1]
         if point is not None:
             loop.limits.require_near(point, "target")
         if twist is not None:

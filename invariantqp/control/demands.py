@@ -23,7 +23,7 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.se3 import shortest_turn, velocity_at
-from invariantqp.robots.kinematics import Robot, Sighting
+from invariantqp.robots.kinematics import Robot, RobotState
 from invariantqp.velocity.exact import ExactRows
 
 # Number of random joint positions in which the rank of rows is measured: one that is not singular is enough.
@@ -44,7 +44,7 @@ class View(NamedTuple):
     """
 
     robot: Robot
-    sighting: Sighting
+    state: RobotState
     target: Any
     gain: float
     feedforward: Array
@@ -72,8 +72,8 @@ class ExactTwist(Value):
 
     def rows(self, view: View) -> ExactRows:
         """The angular velocity and the velocity at the base origin, six rows."""
-        twist = view.gain * view.sighting.error + view.feedforward
-        return ExactRows.of(view.sighting.J, np.eye(6), twist)
+        twist = view.gain * view.state.error + view.feedforward
+        return ExactRows.of(view.state.J, np.eye(6), twist)
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -92,9 +92,9 @@ class ExactPoint(Value):
 
     def rows(self, view: View) -> ExactRows:
         """The velocity of the point, three rows."""
-        p, target = view.robot.points(view.sighting, view.target, self.point)
+        p, target = view.robot.points(view.state, view.target, self.point)
         b = view.gain * (target - p) + velocity_at(view.feedforward, target)
-        return ExactRows.point(view.sighting.J, p, b)
+        return ExactRows.point(view.state.J, p, b)
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -113,11 +113,11 @@ class ExactAxis(Value):
 
     def rows(self, view: View) -> ExactRows:
         """The angular velocity perpendicular to the axis, two rows."""
-        origins = view.robot.points(view.sighting, view.target, np.zeros(3))
-        tips = view.robot.points(view.sighting, view.target, self.axis)
+        origins = view.robot.points(view.state, view.target, np.zeros(3))
+        tips = view.robot.points(view.state, view.target, self.axis)
         axis, target_axis = tips[0] - origins[0], tips[1] - origins[1]
         rotation = shortest_turn(axis, target_axis)
-        return ExactRows.axis(view.sighting.J, axis, view.gain * rotation + view.feedforward[:3])
+        return ExactRows.axis(view.state.J, axis, view.gain * rotation + view.feedforward[:3])
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -139,9 +139,9 @@ class ExactPlane(Value):
     def rows(self, view: View) -> ExactRows:
         """The speed of the point along the normal, one row."""
         n = self.normal
-        p, target = view.robot.points(view.sighting, view.target, self.point)
+        p, target = view.robot.points(view.state, view.target, self.point)
         speed = n.dot(view.gain * (target - p) + velocity_at(view.feedforward, target))
-        return ExactRows.plane(view.sighting.J, p, n, float(speed))
+        return ExactRows.plane(view.state.J, p, n, float(speed))
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -245,7 +245,7 @@ def row_rank(demands: tuple[Exact, ...], robot: Robot) -> int:
     for _ in range(RANK_SAMPLES):
         q = rng.uniform(np.minimum(lower, upper), np.maximum(lower, upper))
         target = robot.target(robot.pose(q))
-        rows = rows_of(demands, View(robot, robot.sight(q, target), target, 1.0, np.zeros(6)))
+        rows = rows_of(demands, View(robot, robot.state(q, target), target, 1.0, np.zeros(6)))
         sizes = np.abs(rows.A)
         if rows.of_twist is not None:  # the size of the terms that A = D J sums
             sizes = np.maximum(sizes, np.abs(rows.of_twist).dot(np.abs(robot.jacobian(q))))

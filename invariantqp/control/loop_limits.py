@@ -26,7 +26,13 @@ from invariantqp.control.tracking import tracking_gain
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.robots.kinematics import Robot, far_away, question_range, question_speed, refuse_far
+from invariantqp.robots.kinematics import (
+    Robot,
+    plausible_distance,
+    require_plausible_distance,
+    warn_if_implausible_range,
+    warn_if_implausible_speed,
+)
 from invariantqp.velocity.limits import JointBox, LimitRows, ToolSpeed
 from invariantqp.velocity.reasons import Code, Reason
 
@@ -218,16 +224,16 @@ class LoopLimits(NamedTuple):
         robot, turning = loop.robot, np.array(J[:3].any(axis=0))
         for limit in limits:
             if isinstance(limit, JointLimits):
-                question_range(limit.position_lower, limit.position_upper, turning, "JointLimits")
+                warn_if_implausible_range(limit.position_lower, limit.position_upper, turning, "JointLimits")
         loop = _tightened(loop, limits)
         acceleration = loop.acceleration if np.isfinite(loop.acceleration).any() else None
         rows = RowLimits(limits, loop)
         holds = arrays.choice(far_outside, "far_outside", ("hold", "return")) == "hold"
         outside = np.where(turning & holds, FAR_OUTSIDE, inf)
         plausible = (robot.position_lower - outside).tolist(), (robot.position_upper + outside).tolist()
-        farthest = far_away(robot, J, tip)
+        farthest = plausible_distance(robot, J, tip)
         if loop.tool_speed is not None:
-            question_speed(loop.tool_speed.limit, farthest, "tool_speed")
+            warn_if_implausible_speed(loop.tool_speed.limit, farthest, "tool_speed")
         return cls(box_of(loop), acceleration, loop.tool_speed, rows or None, loop, plausible, tip, farthest)
 
     def changed(
@@ -253,7 +259,7 @@ class LoopLimits(NamedTuple):
             return None
         loop = _tightened(self.loop, more)
         if loop.tool_speed is not None and loop.tool_speed is not self.loop.tool_speed:
-            question_speed(loop.tool_speed.limit, self.farthest, "tool_speed")
+            warn_if_implausible_speed(loop.tool_speed.limit, self.farthest, "tool_speed")
         return TickChanges(share, loop, RowLimits(more, loop))
 
     def implausible(self, q: Array) -> Reason | None:
@@ -262,4 +268,4 @@ class LoopLimits(NamedTuple):
 
     def require_near(self, points: Array, argument: str) -> None:
         """Raise BadInput for points (..., 3) too far away to be in the arm's unit of length."""
-        refuse_far(points, self.tip, self.farthest, argument)
+        require_plausible_distance(points, self.tip, self.farthest, argument)

@@ -121,7 +121,7 @@ def _collision_model(robot: Robot) -> Any:
     """The collision model of an arm for Pink's SelfCollisionBarrier, None for an arm without collision geometry."""
     if not any(link.parts for link in getattr(robot, "links", ())):
         return None
-    from invariantqp.robots.models import collision_model
+    from invariantqp.robots.pinocchio_arms import collision_model
 
     return collision_model(robot)  # type: ignore[arg-type]
 

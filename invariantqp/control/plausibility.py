@@ -9,7 +9,7 @@ import numpy as np
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry.arrays import Array
-from invariantqp.robots.kinematics import QUESTIONED_TURN, Robot
+from invariantqp.robots.kinematics import PLAUSIBLE_ANGLE, Robot
 from invariantqp.velocity.reasons import Code, Reason
 
 PositionBounds: TypeAlias = tuple[list[float], list[float]]  # lower and upper, one number a joint [rad, length]
@@ -18,7 +18,7 @@ PositionBounds: TypeAlias = tuple[list[float], list[float]]  # lower and upper, 
 def bounds_against_degrees(robot: Robot, J: Array) -> PositionBounds:
     """The position range widened to two turns either way, for joints with a range that turn in J (6, m)."""
     bounded = np.isfinite(robot.position_upper - robot.position_lower)
-    widest = np.where(np.logical_and(J[:3].any(axis=0), bounded), QUESTIONED_TURN, np.inf)
+    widest = np.where(np.logical_and(J[:3].any(axis=0), bounded), PLAUSIBLE_ANGLE, np.inf)
     return np.minimum(-widest, robot.position_lower).tolist(), np.maximum(widest, robot.position_upper).tolist()
 
 

@@ -189,7 +189,7 @@ class PathInContact:
         joint_error = joint_displacement(q, plan.joints(place), loop.turns)
         if float(joint_error.dot(joint_error)) <= 0.25 * JOINT_TOLERANCE * JOINT_TOLERANCE:
             return ToolOnPath(place, off, displaced, 0.0, joint_error)
-        _, sigma, Vt = np.linalg.svd(task.root.dot(task.sighting.J), full_matrices=False)
+        _, sigma, Vt = np.linalg.svd(task.root.dot(task.state.J), full_matrices=False)
         moving = Vt[sigma > SLOW_SHARE * sigma[0]]  # joint motions that move the tool
         free = joint_error - moving.T.dot(moving.dot(joint_error))
         return ToolOnPath(place, off, displaced, float(np.abs(free).max()), joint_error)

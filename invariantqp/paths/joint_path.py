@@ -89,7 +89,7 @@ class Knot(NamedTuple):
 
 def _ratio(task: TaskError) -> float:
     """The smallest singular value of the measured joint twists over the largest."""
-    sigma = np.linalg.svd(task.root.dot(task.sighting.J), compute_uv=False)
+    sigma = np.linalg.svd(task.root.dot(task.state.J), compute_uv=False)
     return float(sigma[-1] / sigma[0]) if sigma[0] > 0.0 else 0.0
 
 
@@ -303,7 +303,7 @@ class JointPath:
         weighted = task.root.dot(task.part + SECONDARY_WEIGHT * (np.eye(6) - task.part))
         if self._stops:
             return self._damped(EXACT_DAMPING, q, task, twist, h, posture, root=weighted)[0]
-        rows, J = task.rows, task.sighting.J
+        rows, J = task.rows, task.state.J
         only = np.vstack((rows, np.zeros((6 - len(rows), 6))))
         nearest, missed = self._damped(OFF_PATH_DAMPING, q, task, twist, h, exact=False, root=only)
         size = float(np.linalg.norm(rows.dot(twist)))
@@ -317,7 +317,7 @@ class JointPath:
         self, share: float, q: Array, task: TaskError, twist: Array, h: float, posture: Array | None = None, **more: Any
     ) -> tuple[Array, float]:
         """(m,) the law's slope damped by a share of its residual, and the size of the residual."""
-        size = float(np.linalg.norm(more.get("root", task.root).dot(task.sighting.J).dot(self._joint_scaling)))
+        size = float(np.linalg.norm(more.get("root", task.root).dot(task.state.J).dot(self._joint_scaling)))
         least = LEAST_DAMPING * size
         _, missed = task.joint_velocity(self.controller, q, twist, h, posture, form=None, damping=least, **more)
         damping = sqrt(least * least + share * self._longest * size * missed)

@@ -360,7 +360,7 @@ class PathDrive:
     def _arrived(self, q: Array, at: float, command: Array) -> bool:
         """Whether the tool at q (m,) is at a place, and will be after a command (m,)."""
         task = self.error(q, at)
-        moved = task.rows.dot(task.sighting.J.dot(command))
+        moved = task.rows.dot(task.state.J.dot(command))
         return task.off + self._loop.dt * float(np.linalg.norm(moved)) <= self._tolerance
 
     def error(self, q: Array, at: float) -> TaskError:

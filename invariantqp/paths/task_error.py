@@ -20,7 +20,7 @@ from invariantqp.control.target import Target, nearest_pose
 from invariantqp.engine import law
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.linear import TINY
-from invariantqp.robots.kinematics import Sighting
+from invariantqp.robots.kinematics import RobotState
 
 # Fields of the engine's tick, and its failure where a form has no projector.
 VELOCITY, MISSED, FAILURE = 0, 3, 7
@@ -34,7 +34,7 @@ STILL = np.zeros(6)
 class TaskError(NamedTuple):
     """The state of the arm at q, and its error to a target."""
 
-    sighting: Sighting  # of the arm
+    state: RobotState  # of the arm
     root: Array  # (6, 6) of the measure; (k, 6) where a target leaves something free
     rows: Array  # (k, 6) R, orthonormal in the measure
     part: Array  # (6, 6) the projector on the part of exact rows
@@ -72,7 +72,7 @@ class TaskError(NamedTuple):
             exact: whether exact rows of the twist are met.
             more: other arguments of the engine's tick: damping, root, lower, upper, ...
         """
-        J, box = self.sighting.J, controller.box
+        J, box = self.state.J, controller.box
         fields = controller.in_engine.law | {
             "root": self.root,
             "feedforward": twist,
@@ -90,7 +90,7 @@ class TaskError(NamedTuple):
         """The exact rows for a twist as the engine takes them; `met` is whether those of the twist are among them."""
         found = [] if self.joint_rows is None else [self.joint_rows]
         if met and self.exact:
-            found.append((self.rows.dot(self.sighting.J), self.rows.dot(twist)))
+            found.append((self.rows.dot(self.state.J), self.rows.dot(twist)))
         if not found:
             return None
         return np.vstack([E for E, _ in found]), np.concatenate([b for _, b in found]), None
@@ -105,21 +105,21 @@ def task_error(controller: Controller, q: Array, target: Any) -> TaskError:
     robot, part = controller.robot, target if isinstance(target, Target) else None
     if part is not None:
         target = robot.target(nearest_pose(part, robot.pose(q)))
-    sighting = robot.sight(q, target)
-    root, error = controller.measure.root_for(sighting.J, sighting.pose, part=part), sighting.error
+    state = robot.state(q, target)
+    root, error = controller.measure.root_for(state.J, state.pose, part=part), state.error
     if controller.exact:
-        demands = rows_of(controller.exact, View(robot, sighting, target, 1.0, STILL))
+        demands = rows_of(controller.exact, View(robot, state, target, 1.0, STILL))
         D, A, b = demands.of_twist, np.asarray(demands.A), np.asarray(demands.b)
         if D is None:  # no rows of the twist
-            return TaskError(sighting, root, np.zeros((0, 6)), np.zeros((6, 6)), error, False, (A, b))
+            return TaskError(state, root, np.zeros((0, 6)), np.zeros((6, 6)), error, False, (A, b))
         own = ~D.any(axis=1)
         inverse = np.linalg.inv(root)
         U, sigma, Vt = np.linalg.svd(D.dot(inverse), full_matrices=False)
         k = np.count_nonzero(sigma > ROW_RATIO * max(float(sigma[0]), TINY))
         rows, back = Vt[:k].dot(root), inverse.dot(Vt[:k].T)
         error = error + back.dot((b - D.dot(error)).dot(U[:, :k] / sigma[:k]))
-        return TaskError(sighting, root, rows, back.dot(rows), error, True, (A[own], b[own]) if own.any() else None)
+        return TaskError(state, root, rows, back.dot(rows), error, True, (A[own], b[own]) if own.any() else None)
     rows = root
-    if sighting.J.shape[1] < len(root):  # even at a singularity an arm goes on
-        rows = np.linalg.svd(root.dot(sighting.J), full_matrices=False)[0].T.dot(root)
-    return TaskError(sighting, root, rows, np.eye(6), error, False, None)
+    if state.J.shape[1] < len(root):  # even at a singularity an arm goes on
+        rows = np.linalg.svd(root.dot(state.J), full_matrices=False)[0].T.dot(root)
+    return TaskError(state, root, rows, np.eye(6), error, False, None)

@@ -38,8 +38,16 @@ from invariantqp.errors import BadInput, excerpt, written
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
-from invariantqp.robots.chain import Chain, shares_coordinate
-from invariantqp.robots.kinematics import Robot, far_away, joint_ranges, middle, refuse_far, remembered, whole_turns
+from invariantqp.robots.chain import Chain, drives_several
+from invariantqp.robots.kinematics import (
+    Robot,
+    cached_for,
+    joint_ranges,
+    middle,
+    plausible_distance,
+    require_plausible_distance,
+    whole_turns,
+)
 from invariantqp.systems.points import centre
 from invariantqp.velocity.forms import CarriedMetric, Form, PitchForm, form_of
 
@@ -107,7 +115,7 @@ class PoseSearch:
     ) -> None:
         """As `solve_pose`."""
         self._robot = robot
-        self._arm = remembered(robot, "pose search", engine_arm)
+        self._arm = cached_for(robot, "pose search", engine_arm)
         if clearance is not None:
             if not hasattr(clearance, "require"):
                 raise BadInput("clearance", excerpt(clearance), "a limits.Clearance of this robot, or None")
@@ -129,7 +137,7 @@ class PoseSearch:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
-        self._arm = remembered(self._robot, "pose search", engine_arm)
+        self._arm = cached_for(self._robot, "pose search", engine_arm)
 
     def checked_start(self, q0: ArrayLike) -> Array:
         """(m,) joint positions to start from, checked."""
@@ -152,7 +160,7 @@ class PoseSearch:
         if position is not None:
             mid = middle(self._robot)
             J, tip = self._robot.jacobian(mid), self._robot.pose(mid)[:3, 3]
-            refuse_far(position, tip, far_away(self._robot, J, tip), argument)
+            require_plausible_distance(position, tip, plausible_distance(self._robot, J, tip), argument)
         return given
 
     def solve(self, target: Any, q0: ArrayLike | None = None) -> PoseSolution:
@@ -224,7 +232,7 @@ class PoseSearch:
         robot, goal = self._robot, self._robot.target(target)
 
         def rows(q: Array) -> tuple[Array, Array]:
-            found = demand.rows(View(robot, robot.sight(q, goal), goal, 1.0, np.zeros(6)))
+            found = demand.rows(View(robot, robot.state(q, goal), goal, 1.0, np.zeros(6)))
             return np.asarray(found.A), np.asarray(found.b)
 
         return rows
@@ -280,11 +288,11 @@ def engine_arm(robot: Robot) -> Any:
         start_upper=start_upper,
         middle=mid,
         start_stride=phi ** -np.arange(1.0, m + 1.0),
-        full_turn=np.where(shares_coordinate(robot), 0.0, whole_turns(J)),
+        full_turn=np.where(drives_several(robot), 0.0, whole_turns(J)),
         point=here[:3, :3].T.dot(own_point - here[:3, 3]),
         length=length if 0.0 < length < inf else 1.0,
         tip=here[:3, 3],
-        far=far_away(robot, J, here[:3, 3]),
+        far=plausible_distance(robot, J, here[:3, 3]),
         plausible_lower=plausible_lower,
         plausible_upper=plausible_upper,
     )
@@ -370,7 +378,7 @@ def solve_pose(
 
 def _cached_search(robot: Robot, tolerance: float, time_limit: float, restarts: int, seed: int) -> PoseSearch:
     """A search for the whole pose, cached with the robot."""
-    cache: dict[Any, PoseSearch] = remembered(robot, "searches", lambda _: {})
+    cache: dict[Any, PoseSearch] = cached_for(robot, "searches", lambda _: {})
     try:
         found = cache.get((tolerance, time_limit, restarts, seed))
     except TypeError:  # not hashable

@@ -1,4 +1,8 @@
-"""Arms: from joint positions to tool pose and joint twists, all in the base frame."""
+"""Robot models: from joint positions to tool pose, joint twists and link shapes, all in the base frame.
+
+In: a name, a URDF or MJCF, a model of Pinocchio, MuJoCo or yourdfpy, or joint screws. Out: a `Chain`, whose kinematics
+the compiled core computes. `Robot` is the protocol that controllers need. The room knows nothing of control.
+"""
 
 from typing import TYPE_CHECKING
 
@@ -12,5 +16,5 @@ if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.robots.compose import relative as relative
     from invariantqp.robots.compose import stand_on as stand_on
     from invariantqp.robots.kinematics import Robot as Robot
-    from invariantqp.robots.kinematics import Sighting as Sighting
+    from invariantqp.robots.kinematics import RobotState as RobotState
     from invariantqp.robots.load import load_robot as load_robot

@@ -1,9 +1,9 @@
-"""Arms put together: an arm on a rail, on a mobile base or on another arm, and one arm's tool as seen from another's.
+"""Chains from chains: an arm on a rail, a mobile base or another arm, and one arm's tool relative to another's.
 
-Each is a `Chain` again, so that everything that takes a robot takes it. With T = exp(s_1 q_1) ... exp(s_m q_m) T_0:
+With T = exp(s_1 q_1) ... exp(s_m q_m) T_0:
 
     a stands on b     screws  (b_1, ..., b_n, Ad(B_0) a_1, ..., Ad(B_0) a_m)                         T_0 = B_0 A_0
-    a seen from b     screws  (-Ad(B_0^-1) b_n, ..., -Ad(B_0^-1) b_1, Ad(B_0^-1) a_1, ...)      T_0 = B_0^-1 A_0
+    a relative to b   screws  (-Ad(B_0^-1) b_n, ..., -Ad(B_0^-1) b_1, Ad(B_0^-1) a_1, ...)      T_0 = B_0^-1 A_0
 
 since B^-1 A = B_0^-1 exp(-b_n p_n) ... exp(-b_1 p_1) exp(a_1 q_1) ... A_0.
 """
@@ -15,21 +15,22 @@ from math import inf
 from typing import Any
 
 import numpy as np
+from attrs import evolve
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.screws import prismatic, revolute
-from invariantqp.robots.chain import LIMITS, Chain, Coupled, Link
+from invariantqp.robots.chain import LIMITS, Chain, CoupledJoints, Link
 
 A_CHAIN = "a Chain, such as load_robot returns"
-# What a chain has of each joint besides its screw and name.
-OF_JOINTS = (*LIMITS, "places")
+# Attributes of a chain with one entry for each joint, besides screws and names.
+PER_JOINT = (*LIMITS, "places")
 
 
 def rail(axis: ArrayLike, lower: float = -inf, upper: float = inf, speed: float = inf, *, name: str = "rail") -> Chain:
-    """A slide along an axis (3,), to put an arm on, with position limits [length] and a velocity limit [length/s]."""
+    """A slide along an axis (3,) that carries an arm, with position limits [length] and a velocity limit [length/s]."""
     arrays.instance(name, str, "name", "text")
     screw = prismatic(arrays.direction(axis, "axis"))
     low, high = arrays.number(lower, "lower", infinite=True), arrays.number(upper, "upper", infinite=True)
@@ -40,7 +41,7 @@ def rail(axis: ArrayLike, lower: float = -inf, upper: float = inf, speed: float 
 
 
 def mobile_base(speed: float = inf, turn_speed: float = inf, *, name: str = "base") -> Chain:
-    """A base that moves on the floor in any direction: joints NAME_x, NAME_y [length] and NAME_turn [rad], about z.
+    """An omnidirectional base: joints NAME_x, NAME_y [length] and NAME_turn [rad], about z.
 
     `speed` is the velocity limit along x, and along y [length/s], `turn_speed` that of the turn [rad/s].
     """
@@ -63,60 +64,57 @@ def stand_on(base: Chain | ArrayLike, arm: Chain) -> Chain:
         below, first = base.home, [base]
     else:
         below, first = arrays.pose(base, "base"), []
-    return _chain([*first, _carried(arm, below)], below.dot(arm.home), arm.tool)
+    return _chain([*first, _with_base_at(arm, below)], below.dot(arm.home), arm.tool)
 
 
 def relative(arm: Chain, other: Chain) -> Chain:
-    """The tool of one arm as seen from the tool of another that has the same base frame.
+    """The chain from the tool of one arm to the tool of another with the same base frame.
 
-    Its pose is that of `arm`'s tool in the frame of `other`'s; its joint twists, in that frame, are
+    Its pose is that of `arm`'s tool in the frame of `other`'s tool; its joint twists, in that frame, are
 
         J = (-Ad(B^-1) J_other, Ad(B^-1) J_arm),    B the pose of the other's tool, with the other's columns reversed,
 
-    so that J x is the relative twist, q = (q_other[::-1], q_arm). Put arms where they stand with `stand_on` or
-    `load_robot(base=)` first. A joint's name that both have begins with "other/" where it is the other's, twice where
-    one begins so already.
+    so that J x is the relative twist, q = (q_other[::-1], q_arm). Place the arms by `stand_on` or `load_robot(base=)`
+    first. Names of the other's joints that both arms have get the prefix "other/", as often as needed.
     """
     arrays.instance(arm, Chain, "arm", A_CHAIN)
     arrays.instance(other, Chain, "other", A_CHAIN)
     back = se3.inverse(other.home, check=False)
-    names = list(_unlike(arm.names, other.names, "other/").values())
-    turned = _carried(other, back)
-    kept = {name: getattr(turned, name)[::-1] for name in OF_JOINTS}
-    n, k = len(names), len(turned.joints.coordinates)
-    links = tuple(link._replace(body=k - link.body) for link in _renamed(turned.links, arm.links, "other/"))
-    of = turned.coupled and Coupled(
-        -turned.coupled.screws[:, ::-1],
-        tuple(n - 1 - i for i in turned.coupled.coordinates[::-1]),
-        tuple(k - 1 - i for i in turned.coupled.drivers[::-1]),
+    names = list(_unique_names(arm.names, other.names, "other/").values())
+    moved = _with_base_at(other, back)
+    n, k = len(names), len(moved.joints.coordinates)
+    links = tuple(link._replace(body=k - link.body) for link in _renamed(moved.links, arm.links, "other/"))
+    coupled = moved.coupled and CoupledJoints(
+        -moved.coupled.screws[:, ::-1],
+        tuple(n - 1 - i for i in moved.coupled.coordinates[::-1]),
+        tuple(k - 1 - i for i in moved.coupled.drivers[::-1]),
     )
-    more: dict[str, Any] = {"links": links, "coupled": of, "notes": turned.notes}
-    reverse = Chain(-turned.screws[:, ::-1], np.eye(4), names[::-1], **kept, **more)
-    return _chain([reverse, _carried(arm, back)], back.dot(arm.home), arm.tool)
+    limits = {name: getattr(moved, name)[::-1] for name in PER_JOINT}
+    screws = -moved.screws[:, ::-1]
+    reverse = evolve(moved, screws=screws, home=np.eye(4), names=names[::-1], links=links, coupled=coupled, **limits)
+    return _chain([reverse, _with_base_at(arm, back)], back.dot(arm.home), arm.tool)
 
 
-def _carried(arm: Chain, place: Array) -> Chain:
-    """The same joints with the base frame at a (4, 4) place of a new one."""
-    screws = se3.adjoint(place, check=False).dot(arm.screws)
-    places = arm.places.dot(place[:3, :3].T) + place[:3, 3]
-    limits = (arm.position_lower, arm.position_upper, arm.velocity_limit)
-    links = tuple(link._replace(frame=place.dot(link.frame)) for link in arm.links)
-    of = (
-        None
-        if arm.coupled is None
-        else arm.coupled._replace(screws=se3.adjoint(place, check=False).dot(arm.coupled.screws))
+def _with_base_at(arm: Chain, place: Array) -> Chain:
+    """The same joints with their base frame at a (4, 4) pose in a new one."""
+    A = se3.adjoint(place, check=False)
+    return evolve(
+        arm,
+        screws=A.dot(arm.screws),
+        home=place.dot(arm.home),
+        places=arm.places.dot(place[:3, :3].T) + place[:3, 3],
+        links=tuple(link._replace(frame=place.dot(link.frame)) for link in arm.links),
+        coupled=arm.coupled and arm.coupled._replace(screws=A.dot(arm.coupled.screws)),
     )
-    more: dict[str, Any] = {"places": places, "links": links, "coupled": of, "notes": arm.notes}
-    return Chain(screws, place.dot(arm.home), arm.names, *limits, tool=arm.tool, **more)
 
 
 def _chain(parts: Sequence[Chain], home: Array, tool: str) -> Chain:
-    """The joints of all parts, whose screws are at zero in one base frame."""
+    """The joints of all parts in series; their screws are in one base frame."""
     names = [name for part in parts for name in part.names]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise BadInput("base", f"a joint {twice!r} that the arm has too", "joints with names of their own")
-    joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in OF_JOINTS}
+    joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in PER_JOINT}
     links: tuple[Link, ...] = ()
     first = 0
     for part in parts:
@@ -127,8 +125,8 @@ def _chain(parts: Sequence[Chain], home: Array, tool: str) -> Chain:
     return Chain(np.hstack([part.screws for part in parts]), home, names, tool=tool, **more, **joined)
 
 
-def _coupled(parts: Sequence[Chain]) -> Coupled | None:
-    """The joints of all parts, where some of them share a coordinate."""
+def _coupled(parts: Sequence[Chain]) -> CoupledJoints | None:
+    """All joints of the parts, where there are mimic joints; else None."""
     if all(part.coupled is None for part in parts):
         return None
     coordinates: list[int] = []
@@ -137,20 +135,20 @@ def _coupled(parts: Sequence[Chain]) -> Coupled | None:
         m, k = len(drivers), len(coordinates)
         coordinates += [m + i for i in part.joints.coordinates]
         drivers += [k + i for i in part.joints.drivers]
-    return Coupled(np.hstack([part.joints.screws for part in parts]), tuple(coordinates), tuple(drivers))
+    return CoupledJoints(np.hstack([part.joints.screws for part in parts]), tuple(coordinates), tuple(drivers))
 
 
 def _renamed(links: tuple[Link, ...], taken: tuple[Link, ...], prefix: str) -> tuple[Link, ...]:
-    """Links under names that others have not, with what their descriptions let them touch."""
-    new = _unlike([link.name for link in taken], [link.name for link in links], prefix)
+    """Links, and their exclusions, under names that no link of `taken` has."""
+    new = _unique_names([link.name for link in taken], [link.name for link in links], prefix)
     return tuple(
         link._replace(name=new[link.name], excludes=tuple((new.get(name, name), why) for name, why in link.excludes))
         for link in links
     )
 
 
-def _unlike(taken: Sequence[str], names: Sequence[str], prefix: str) -> dict[str, str]:
-    """A name for each of some, unlike those that are taken: with a prefix, as often as it needs."""
+def _unique_names(taken: Sequence[str], names: Sequence[str], prefix: str) -> dict[str, str]:
+    """A name for each of `names` that is not taken: with a prefix, as often as needed."""
     new: dict[str, str] = {}
     for name in names:
         free = name

@@ -1,7 +1,7 @@
-"""The XML of a robot's description, from a file or from text; what is none is recognised, and what helps is said.
+"""Reading the XML of a robot's description, and messages for files that are not one.
 
-Prefixes need no declaration: files of Drake and of CAD exporters use some without one. Document types, where entities
-are declared, are refused.
+Undeclared namespace prefixes are accepted: Drake and CAD exporters use them. A document type is refused, since it may
+declare entities.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from xml.parsers import expat
 
 from invariantqp.errors import RobotModelError
 
-# What may stand before the "<" of a text.
+# Characters allowed before the first "<".
 BLANK = "\ufeff \t\r\n"
-# Elements and attributes of xacro, and its $(...) and ${...}.
+# The $(...) and ${...} of xacro.
 XACRO = re.compile(r"\$[({]")
-# Roots of other files, and what they are.
-OTHERS = {
+# Root elements of other kinds of files, and what these are.
+OTHER_ROOTS = {
     "sdf": "a world or model of Gazebo (SDF); expected a URDF or MJCF",
     "world": "a world; expected the URDF or MJCF of a robot",
     "package": "the manifest of a ROS package; expected the path of a URDF in it",
@@ -28,15 +28,15 @@ OTHERS = {
 
 
 def is_text(source: str) -> bool:
-    """Whether this is XML rather than a name or a path."""
+    """Whether a source is XML text rather than a name or a path."""
     return source.lstrip(BLANK).startswith("<")
 
 
 def read_xml(source: Path | str) -> tuple[str, ET.Element]:
-    """What to call a robot in messages, and the root element of its description: the path of a file, or its text.
+    """The name of a description for messages, and its root element; `source` is a path or the text.
 
     Raises:
-        RobotModelError: no XML, or one with a document type.
+        RobotModelError: not XML, or XML with a document type.
     """
     name = str(source) if isinstance(source, Path) else "the URDF text"
     builder = ET.TreeBuilder()
@@ -57,7 +57,7 @@ def read_xml(source: Path | str) -> tuple[str, ET.Element]:
 
 
 def require_robot(name: str, root: ET.Element) -> None:
-    """Refuse what is neither a URDF with joints nor a whole MJCF, and say what it is and what helps.
+    """Raise where a root element is neither a URDF with joints nor a whole MJCF.
 
     Raises:
         RobotModelError: a xacro file, a part of an MJCF, a single body, another kind of file.
@@ -70,34 +70,37 @@ def require_robot(name: str, root: ET.Element) -> None:
             raise RobotModelError(f"{name}: a xacro file, which is made into a URDF. {command}")
         if root.find("joint") is None:
             raise RobotModelError(f"{name}: found <robot> without joints, a single body; expected a URDF of an arm")
-    elif root.tag == "mujocoinclude" or (root.tag == "mujoco" and not is_whole(root)):
-        raise RobotModelError(f"{name}: a part of an MJCF, found <{root.tag}> without <worldbody>. {including(name)}")
+    elif root.tag == "mujocoinclude" or (
+        root.tag == "mujoco" and not any(part.tag in ("worldbody", "include") for part in root.iter())
+    ):
+        raise RobotModelError(
+            f"{name}: a part of an MJCF, found <{root.tag}> without <worldbody>. {files_that_include(name)}"
+        )
     elif root.tag != "mujoco":
-        what = OTHERS.get(root.tag, "which is no robot; expected the <robot> of a URDF or the <mujoco> of an MJCF")
+        what = OTHER_ROOTS.get(root.tag, "which is no robot; expected the <robot> of a URDF or the <mujoco> of an MJCF")
         raise RobotModelError(f"{name}: found <{root.tag}>, {what}")
 
 
 def is_xacro(root: ET.Element) -> bool:
-    """Whether a <robot> has yet to be made of macros."""
+    """Whether a <robot> still contains xacro macros."""
     if any(child.tag.startswith("xacro:") for child in root):
         return True
     elements = (element for child in root if child.tag in ("joint", "link") for element in child.iter())
     return any(XACRO.search(value) for element in elements for value in element.attrib.values())
 
 
-def is_whole(root: ET.Element) -> bool:
-    """Whether a <mujoco> has bodies, of its own or of a file that it includes."""
-    return any(element.tag in ("worldbody", "include") for element in root.iter())
-
-
-def including(name: str) -> str:
-    """Which files include an MJCF, of those in its folder and the one above it, in words."""
+def files_that_include(name: str) -> str:
+    """Advice that names the files, in the folder of an MJCF or the one above, that include it."""
     file = Path(name)
-    found = []
+    including = []
     if file.is_file():
         for folder in (file.parent, file.parent.parent):
-            found += [other.name for other in sorted(folder.glob("*.xml")) if other != file and _includes(other, file)]
-    return f"Load a file that includes it: {', '.join(found[:3])}" if found else "Load the file that includes it"
+            including += [
+                other.name for other in sorted(folder.glob("*.xml")) if other != file and _includes(other, file)
+            ]
+    return (
+        f"Load a file that includes it: {', '.join(including[:3])}" if including else "Load the file that includes it"
+    )
 
 
 def _includes(other: Path, file: Path) -> bool:

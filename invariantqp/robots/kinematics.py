@@ -1,4 +1,4 @@
-"""What a controller needs to know of an arm: names, limits, tool pose, joint twists. `Chain` has it.
+"""`Robot`, the protocol that controllers need of an arm, and functions of its joint ranges and limits.
 
 Joint positions q are (m,) [rad, length]; poses (4, 4) and twists (omega; v) are in the base frame.
 """
@@ -22,21 +22,21 @@ from invariantqp.systems.points import reach
 
 T = TypeVar("T")
 
-# A position or velocity limit as large as this is read as none [rad, m, rad/s, m/s].
+# A position or velocity limit as large as this counts as none [rad, m, rad/s, m/s].
 UNLIMITED = 1e9
-# Position limits of a joint that turns, this far from zero [rad], two whole turns, are questioned.
-QUESTIONED_TURN = 4.0 * pi
-# A pose is never so many times the arm's length away: this is halfway from one to a thousand, as in millimetres.
-FAR_AWAY, MILLIMETRES = sqrt(1000.0), "Are these millimetres?"
+# Position limits of a hinge farther from zero than two whole turns [rad] are taken for degrees.
+PLAUSIBLE_ANGLE = 4.0 * pi
+# A pose farther away than this many times the arm's length is taken for millimetres: the mean of 1 and 1000 by ratio.
+MAX_REACHES, MILLIMETRES_HINT = sqrt(1000.0), "Are these millimetres?"
 
 
-class Sighting(NamedTuple):
-    """An arm in one state, in the base frame, and how far it is from its target.
+class RobotState(NamedTuple):
+    """Pose, Jacobian and error of an arm at joint positions q, in the base frame.
 
     Attributes:
         J: (6, m) joint twists.
-        error: (6,) twist that takes the tool to its target in unit time; the same whatever frame the tool has.
-        pose: the tool pose, (4, 4) or with such a `.homogeneous`, in the form that `points` takes.
+        error: (6,) twist that takes the tool to its target in unit time; independent of the tool frame.
+        pose: the tool pose, (4, 4) or an object with a (4, 4) `.homogeneous`.
     """
 
     J: Array
@@ -70,41 +70,41 @@ class Robot(Protocol):
         """(6, m) joint twists as columns."""
 
     def origins(self, q: ArrayLike) -> Array:
-        """(m, 3) where each joint is: a point of its axis, to draw the arm by."""
+        """(m, 3) a point of each joint's axis."""
 
     def target(self, pose: ArrayLike) -> Any:
-        """A target pose, checked once, in the form that `sight` takes fastest; given such a target, the same."""
+        """A checked target pose in the form that `state` takes; a checked one is returned as it is."""
 
-    def sight(self, q: Array, target: Any) -> Sighting:
-        """Joint twists and tool error at a checked q, for what `target` returned."""
+    def state(self, q: Array, target: Any) -> RobotState:
+        """Joint twists, error twist and tool pose at a checked q, for a target from `target`."""
 
-    def points(self, sighting: Sighting, target: Any, point: Array) -> tuple[Array, Array]:
-        """Where a point (3,) of the tool frame is, and where it should be [length]."""
+    def points(self, state: RobotState, target: Any, point: Array) -> tuple[Array, Array]:
+        """The current and the target position of a point (3,) of the tool frame [length]."""
 
     def with_tool(self, offset: ArrayLike) -> Robot:
         """The same arm with its tool frame moved by a (4, 4) offset in the old tool frame."""
 
 
-# What a robot is known by.
-ROBOT = ("names", "position_lower", "position_upper", "velocity_limit", "pose", "jacobian", "target", "sight", "points")
+# Attributes that a robot must have.
+ROBOT = ("names", "position_lower", "position_upper", "velocity_limit", "pose", "jacobian", "target", "state", "points")
 
 
 def require_robot(robot: Robot) -> Robot:
-    """The robot itself, once it is seen to be one and not a robot's name, for instance."""
+    """The robot; raises BadInput for anything that lacks the attributes of one."""
     if isinstance(robot, type) or not all(hasattr(robot, name) for name in ROBOT):
         raise BadInput("robot", excerpt(robot), "a robot, such as load_robot returns")
     return robot
 
 
-def remembered(robot: Robot, name: str, make: Callable[[Robot], T]) -> T:
-    """`make(robot)`, computed once: the frozen robots of this library never change; of others, computed each time."""
+def cached_for(robot: Robot, name: str, make: Callable[[Robot], T]) -> T:
+    """`make(robot)`, computed once for a robot of this library, which never changes, and each time for others."""
     if not isinstance(robot, Compared):
         return make(robot)
-    kept: dict[str, Any] = vars(robot).setdefault("_remembered", {})
-    if name not in kept:
-        kept[name] = make(robot)
-    found: T = kept[name]
-    return found
+    cache: dict[str, Any] = vars(robot).setdefault("_cache", {})
+    if name not in cache:
+        cache[name] = make(robot)
+    value: T = cache[name]
+    return value
 
 
 def middle(robot: Robot) -> Array:
@@ -116,7 +116,7 @@ def middle(robot: Robot) -> Array:
 
 
 def joint_ranges(robot: Robot) -> tuple[Array, Array]:
-    """(m,) the limits, or a turn about the middle, or a unit of length, of joints that have none."""
+    """(m,) lower and upper limits; of joints without one, half a turn, or half a unit of length, from the middle."""
     mid = middle(robot)
     half = np.where(angular_speeds(robot.jacobian(mid)) > 0.0, np.pi, 0.5)
     low, high = robot.position_lower, robot.position_upper
@@ -187,50 +187,50 @@ def joint_limits(m: int, lower: ArrayLike, upper: ArrayLike, speed: ArrayLike) -
     return low, high, v_max
 
 
-def far_away(robot: Robot, J: Array, tip: Array) -> float:
-    """How far away from its tool at `tip` (3,), with joint twists J (6, m) there, an arm's poses are believed [length].
+def plausible_distance(robot: Robot, J: Array, tip: Array) -> float:
+    """The largest plausible distance [length] of a pose from the tool at `tip` (3,), given joint twists J (6, m) there.
 
-    inf where no hinge moves the tool, and no length is the arm's.
+    inf where no hinge moves the tool.
     """
-    ways = (robot.position_upper - robot.position_lower)[angular_speeds(J) == 0.0]
+    strokes = (robot.position_upper - robot.position_lower)[angular_speeds(J) == 0.0]
     length = reach(J, tip)
-    return FAR_AWAY * (length + float(ways.sum())) if length > 0.0 else inf
+    return MAX_REACHES * (length + float(strokes.sum())) if length > 0.0 else inf
 
 
-def refuse_far(places: Array, tip: Array, far: float, argument: str) -> None:
-    """Refuse places (..., 3) of poses that are farther from a tool at `tip` (3,) than is believed."""
+def require_plausible_distance(places: Array, tip: Array, most: float, argument: str) -> None:
+    """Raise BadInput for positions (..., 3) farther than `most` [length] from a tool at `tip` (3,)."""
     if places.ndim == 1:
         away = dist(places.tolist(), tip.tolist())
     else:
         with np.errstate(over="ignore"):
             away = float(np.linalg.norm(places - tip, axis=-1).max())
-    if away > far:
-        raise BadInput(argument, _far(away, far), "a pose in the arm's unit of length", MILLIMETRES)
+    if away > most:
+        raise BadInput(argument, _distance_in_words(away, most), "a pose in the arm's unit of length", MILLIMETRES_HINT)
 
 
-def question_pose(robot: Robot, argument: str, pose: Array) -> None:
-    """Warn of a pose (4, 4) beside an arm, of its tool or its base, that looks like millimetres."""
+def warn_if_implausible_pose(robot: Robot, argument: str, pose: Array) -> None:
+    """Warn of the pose (4, 4) of a tool or a base that looks like millimetres."""
     mid, away = middle(robot), float(np.linalg.norm(pose[:3, 3]))
-    far = far_away(robot, robot.jacobian(mid), robot.pose(mid)[:3, 3])
-    if away > far:
-        warnings.warn(f"{argument}: {_far(away, far)}. {MILLIMETRES}", UserWarning, stacklevel=3)
+    most = plausible_distance(robot, robot.jacobian(mid), robot.pose(mid)[:3, 3])
+    if away > most:
+        warnings.warn(f"{argument}: {_distance_in_words(away, most)}. {MILLIMETRES_HINT}", UserWarning, stacklevel=3)
 
 
-def question_speed(speed: float, far: float, argument: str) -> None:
-    """Warn of a limit of a tool's speed that looks like millimetres: farther in a second than poses are believed."""
-    if speed > far:
-        times = f"{speed * FAR_AWAY / far:.3g} times the arm's length in a second"
-        warnings.warn(f"{argument}: {speed:.4g} [length/s], {times}. {MILLIMETRES}", UserWarning, stacklevel=4)
+def warn_if_implausible_speed(speed: float, most: float, argument: str) -> None:
+    """Warn of a tool speed limit [length/s] above `most`, which looks like millimetres."""
+    if speed > most:
+        times = f"{speed * MAX_REACHES / most:.3g} times the arm's length in a second"
+        warnings.warn(f"{argument}: {speed:.4g} [length/s], {times}. {MILLIMETRES_HINT}", UserWarning, stacklevel=4)
 
 
-def _far(away: float, far: float) -> str:
-    return f"a pose {away:.4g} [length] away, {away * FAR_AWAY / far:.3g} times the arm's length"
+def _distance_in_words(away: float, most: float) -> str:
+    return f"a pose {away:.4g} [length] away, {away * MAX_REACHES / most:.3g} times the arm's length"
 
 
-def question_range(lower: Array, upper: Array, turns: NDArray[np.bool_], argument: str) -> None:
-    """Warn of position limits (m,) that look like degrees; `turns` (m,) says which joints turn."""
-    far = np.where(turns, np.maximum(*(np.where(np.isfinite(a), np.abs(a), 0.0) for a in (lower, upper))), 0.0)
-    most = float(far.max(initial=0.0))
-    if most > QUESTIONED_TURN:
+def warn_if_implausible_range(lower: Array, upper: Array, turns: NDArray[np.bool_], argument: str) -> None:
+    """Warn of position limits (m,) that look like degrees; `turns` (m,) tells which joints are hinges."""
+    largest = np.where(turns, np.maximum(*(np.where(np.isfinite(a), np.abs(a), 0.0) for a in (lower, upper))), 0.0)
+    most = float(largest.max(initial=0.0))
+    if most > PLAUSIBLE_ANGLE:
         turned = f"may turn to {most:.4g} rad, {most / (2.0 * pi):.3g} turns; are these degrees?"
-        warnings.warn(f"{argument}: joint {int(far.argmax())} {turned}", UserWarning, stacklevel=3)
+        warnings.warn(f"{argument}: joint {int(largest.argmax())} {turned}", UserWarning, stacklevel=3)

@@ -1,4 +1,4 @@
-"""One way to get a robot: a known name, a URDF or MJCF, another library's model, or joint screws."""
+"""`load_robot`: a `Chain` from a known name, a URDF or MJCF, a model of another library, or joint screws."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from invariantqp.geometry.screws import angular_speeds
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.compose import stand_on
 from invariantqp.robots.description import is_text, read_xml, require_robot
-from invariantqp.robots.kinematics import question_pose, question_range
+from invariantqp.robots.kinematics import warn_if_implausible_pose, warn_if_implausible_range
 from invariantqp.robots.published import PUBLISHED, published
 from invariantqp.robots.tree import chain_to_link
-from invariantqp.robots.urdf import disabled, joint_of_yourdfpy, joints_of, parts_of
+from invariantqp.robots.urdf import collision_geometry, joint_of_yourdfpy, joints_of, srdf_exclusions
 
 DATA = "example-robot-data"
 SOURCES = (
@@ -32,8 +32,8 @@ SOURCES = (
 )
 
 
-class Known(NamedTuple):
-    """Where a named robot's URDF is in example-robot-data, its tool frame, its joints, None for all, and its SRDF."""
+class KnownRobot(NamedTuple):
+    """A named robot of example-robot-data: URDF file, tool frame, joints (None: all), SRDF file."""
 
     urdf: str
     tool: str
@@ -41,25 +41,27 @@ class Known(NamedTuple):
     srdf: str = ""
 
 
-IN_DATA = {
-    "panda": Known("panda_description/urdf/panda.urdf", "panda_hand_tcp", srdf="panda_description/srdf/panda.srdf"),
-    "ur3": Known("ur_description/urdf/ur3_robot.urdf", "tool0"),
-    "ur5": Known("ur_description/urdf/ur5_robot.urdf", "tool0", srdf="ur_description/srdf/ur5.srdf"),
-    "ur10": Known("ur_description/urdf/ur10_robot.urdf", "tool0"),
-    "xarm7": Known("xarm_description/urdf/xarm7.urdf", "link_eef", srdf="xarm_description/srdf/xarm7.srdf"),
-    "so100": Known("so_arm_description/urdf/so100.urdf", "gripper"),
-    "so101": Known("so_arm_description/urdf/so101.urdf", "gripper_frame_link"),
-    "kinova": Known("kinova_description/robots/kinova.urdf", "j2s6s200_end_effector"),
-    "z1": Known("z1_description/urdf/z1.urdf", "gripperStator"),
-    "tiago": Known("tiago_description/robots/tiago.urdf", "arm_tool_link"),
-    "talos": Known(
+EXAMPLE_ROBOTS = {
+    "panda": KnownRobot(
+        "panda_description/urdf/panda.urdf", "panda_hand_tcp", srdf="panda_description/srdf/panda.srdf"
+    ),
+    "ur3": KnownRobot("ur_description/urdf/ur3_robot.urdf", "tool0"),
+    "ur5": KnownRobot("ur_description/urdf/ur5_robot.urdf", "tool0", srdf="ur_description/srdf/ur5.srdf"),
+    "ur10": KnownRobot("ur_description/urdf/ur10_robot.urdf", "tool0"),
+    "xarm7": KnownRobot("xarm_description/urdf/xarm7.urdf", "link_eef", srdf="xarm_description/srdf/xarm7.srdf"),
+    "so100": KnownRobot("so_arm_description/urdf/so100.urdf", "gripper"),
+    "so101": KnownRobot("so_arm_description/urdf/so101.urdf", "gripper_frame_link"),
+    "kinova": KnownRobot("kinova_description/robots/kinova.urdf", "j2s6s200_end_effector"),
+    "z1": KnownRobot("z1_description/urdf/z1.urdf", "gripperStator"),
+    "tiago": KnownRobot("tiago_description/robots/tiago.urdf", "arm_tool_link"),
+    "talos": KnownRobot(
         "talos_data/robots/talos_reduced.urdf",
         "gripper_left_base_link",
         tuple(f"arm_left_{i}_joint" for i in range(1, 8)),
         "talos_data/srdf/talos.srdf",
     ),
 }
-KNOWN = (*IN_DATA, *PUBLISHED)
+KNOWN = (*EXAMPLE_ROBOTS, *PUBLISHED)
 
 
 def load_robot(
@@ -70,41 +72,39 @@ def load_robot(
     base: Chain | ArrayLike | None = None,
     velocity_limit: ArrayLike | None = None,
 ) -> Chain:
-    """An arm from its base to its tool; nothing beyond is modelled.
+    """The kinematic chain of an arm from its base to its tool.
 
     Args:
-        source: a name ("panda", "ur5", "so101", "xarm7", "kinova", "talos" for its left arm, ... come with the extra
-            `robots`; "ur5e", "fr3", "iiwa14", "gen3", "lite6", ... need nothing; the base of a UR's e-Series is the
-            maker's, half a turn about z from "ur5" and from ROS's `base_link`), the path of a URDF file, the text of
-            one (a `robot_description`), the path or text of an MJCF (extra `sim`), a `pinocchio.Model`, a
-            `mujoco.MjModel`, a `yourdfpy.URDF`, or (6, m) joint screws at q = 0 in the base frame.
-        tool: name of the tool frame: a link, or of MuJoCo a site or a body; None is the robot's usual one, for a URDF
-            or a model the link that the last joint of its longest chain moves, or the last link before a hand, whose
-            fingers are held. With screws: the (4, 4) tool pose at q = 0.
-        joints: names of the joints that move; None is all between base and tool. The rest are held at zero, or at the
-            limit nearest to it. A joint that mimics one that moves moves with it. With screws: their names.
-        offset: (4, 4) pose in that frame of what is to be moved: a tool, a camera, a grasped object; None is the frame.
-        base: what the arm stands on: a (4, 4) pose of its base, or a chain whose joints then come first, a
-            `robots.rail`, a `robots.mobile_base` or another arm; None is the arm's own base frame.
-        velocity_limit: (m,) speeds of the arm's own joints, or one for all of them [rad/s, length/s], inf for no limit;
-            None is the source's.
+        source: a name, the path or text of a URDF or MJCF (extra `sim`), a `pinocchio.Model`, a `mujoco.MjModel`, a
+            `yourdfpy.URDF`, or (6, m) joint screws at q = 0 in the base frame. The names "panda", "ur5", "so101",
+            "xarm7", "kinova", "talos" (its left arm), ... need the extra `robots`; "ur5e", "fr3", "iiwa14", "gen3",
+            "lite6", ... need nothing. The base frame of a UR e-Series arm is the maker's, turned by pi about z from
+            that of "ur5" and from ROS's `base_link`.
+        tool: name of the tool frame: a link, in MuJoCo a site or a body. None is the robot's usual one: the link that
+            the last joint of the longest chain moves, or the last link before a hand. With screws: the (4, 4) tool
+            pose at q = 0.
+        joints: names of the joints that move; None is all between base and tool. The others are held at zero, or at the
+            limit nearest to zero. A mimic joint moves with its driver. With screws: their names.
+        offset: (4, 4) pose of the new tool frame in `tool`, such as a gripper's or a camera's; None is no offset.
+        base: what the arm stands on: the (4, 4) pose of its base, or a chain whose joints come first, such as
+            `robots.rail`, `robots.mobile_base` or another arm; None is the arm's own base frame.
+        velocity_limit: (m,) for the arm's own joints, or one for all [rad/s, length/s], inf for no limit; None keeps
+            those of the source.
 
     Returns:
-        A `Chain`, which has all of `Robot`: .names, .position_lower, .position_upper, .velocity_limit, .pose(q),
-        .jacobian(q), .with_tool(offset); besides .with_limits(...), .tool, .links. It can be used in several threads at
-        once, pickled and copied.
+        A `Chain`: .names, .position_lower, .position_upper, .velocity_limit, .pose(q), .jacobian(q), .tool, .links,
+        .with_tool(offset), .with_limits(...). It can be shared by threads, pickled and copied.
 
     Raises:
-        UnknownName: no robot, frame or joint of that name; near ones are listed.
-        RobotModelError: a URDF that cannot be read or parsed, a joint without a single coordinate, a tool that no joint
+        UnknownName: no robot, frame or joint of that name; similar names are listed.
+        RobotModelError: a description that cannot be read, a joint without a single coordinate, a tool that no joint
             moves.
         MissingExtra: a named robot without the extra `robots`.
 
     Warns:
-        UserWarning: a description without speeds for joints, or with zero for them: those have no velocity limit; with
-            equal position limits, or none where they are needed: those joints cannot move. One whose joints turn more
-            than two turns away from zero, as in degrees. An offset or a base that is thirty times as far away as the
-            arm is long, as one in millimetres is.
+        UserWarning: joints without a velocity limit; joints with equal position limits, which cannot move; position
+            limits beyond two turns, as in degrees; an offset or a base more than thirty arm lengths away, as in
+            millimetres.
     """
     arm = read_arm(source, tool, None if joints is None else arrays.strings(joints, "joints"))
     if velocity_limit is not None:
@@ -117,23 +117,25 @@ def load_robot(
             UserWarning,
             stacklevel=2,
         )
-    question_still(arm)
-    question_range(arm.position_lower, arm.position_upper, angular_speeds(arm.screws) > 0.0, "the description's limits")
+    _warn_of_fixed_joints(arm)
+    warn_if_implausible_range(
+        arm.position_lower, arm.position_upper, angular_speeds(arm.screws) > 0.0, "the description's limits"
+    )
     for argument, given in (("offset", offset), ("base", base)):
         if given is not None and not isinstance(given, Chain):
-            question_pose(arm, argument, arrays.pose(given, argument))
+            warn_if_implausible_pose(arm, argument, arrays.pose(given, argument))
     arm = arm if offset is None else arm.with_tool(offset)
     return arm if base is None else stand_on(base, arm)
 
 
-def question_still(arm: Chain) -> None:
-    """Warn of joints whose limits leave no way, as CAD exporters write them."""
-    still = [
+def _warn_of_fixed_joints(arm: Chain) -> None:
+    """Warn of joints with equal position limits, as CAD exporters write them."""
+    fixed = [
         name for name, low, high in zip(arm.names, arm.position_lower, arm.position_upper, strict=True) if low == high
     ]
-    if still:
+    if fixed:
         warnings.warn(
-            f"{arrays.names(still)} cannot move: the description gives equal position limits, or none, which are 0. "
+            f"{arrays.names(fixed)} cannot move: the description gives equal position limits, or none, which are 0. "
             "Say robot.with_limits(position_lower=[...], position_upper=[...]), or hold them still: "
             "load_robot(..., joints=[...])",
             UserWarning,
@@ -142,30 +144,30 @@ def question_still(arm: Chain) -> None:
 
 
 def is_screws(source: object) -> bool:
-    """Whether a source is neither a name, a description nor a library's model: joint screws, or nothing of these."""
+    """Whether a source is neither text, nor a path, nor a library's model: joint screws, or nothing valid."""
     return not isinstance(source, (str, PathLike)) and _library(source) is None
 
 
 def read_arm(source: Any, tool: str | ArrayLike | None, chosen: tuple[str, ...] | None) -> Chain:
     """The arm of a source, as in `load_robot`."""
     if is_screws(source):
-        return _chain(source, tool, chosen)
+        return _from_screws(source, tool, chosen)
     if tool is not None and not isinstance(tool, str):
         raise BadInput("tool", type(tool).__name__, "the name of a frame", "Move the frame with robot.with_tool(pose).")
     if not isinstance(source, (str, PathLike)):
-        return _of_library(source, tool, chosen)
+        return _from_model(source, tool, chosen)
     if isinstance(source, str) and is_text(source):
-        return _described(source, tool, chosen)
+        return _from_description(source, tool, chosen)
     if str(source) in PUBLISHED:
         return chain_to_link(published(str(source)), str(source), tool or "tool0", chosen)
-    known = IN_DATA.get(str(source))
+    known = EXAMPLE_ROBOTS.get(str(source))
     if known is not None and tool is None:
         tool, chosen = known.tool, known.joints if chosen is None else chosen
-    return _described(urdf_of(source), tool, chosen, known.srdf if known is not None else "")
+    return _from_description(urdf_of(source), tool, chosen, known.srdf if known is not None else "")
 
 
-def _described(source: Path | str, tool: str | None, joints: Sequence[str] | None, srdf: str = "") -> Chain:
-    """The arm of a description in XML, and of an SRDF in example-robot-data."""
+def _from_description(source: Path | str, tool: str | None, joints: Sequence[str] | None, srdf: str = "") -> Chain:
+    """The arm of a URDF or MJCF, with the exclusions of an SRDF in example-robot-data."""
     name, root = read_xml(source)
     if root.tag == "mujoco":
         require_robot(name, root)
@@ -173,23 +175,23 @@ def _described(source: Path | str, tool: str | None, joints: Sequence[str] | Non
 
         return load_mujoco(read_mjcf(source), tool, joints)
     joints_in_file = joints_of(name, root)
-    parts = parts_of(name, root, source.resolve().parent if isinstance(source, Path) else None)
-    apart = disabled(_data_folder() / srdf) if srdf else None
-    return chain_to_link(joints_in_file, name, tool, joints, parts, apart)
+    parts = collision_geometry(name, root, source.resolve().parent if isinstance(source, Path) else None)
+    exclusions = srdf_exclusions(_example_data_folder() / srdf) if srdf else None
+    return chain_to_link(joints_in_file, name, tool, joints, parts, exclusions)
 
 
 def _library(source: object) -> str | None:
-    """The library that a model is of, recognised without importing any."""
+    """The library of a model, recognised by an attribute, so that no library is imported."""
     if isinstance(source, type):
         return None
     marks = {"pinocchio": "createData", "mujoco": "jnt_qposadr", "yourdfpy": "link_map"}
     return next((library for library, name in marks.items() if hasattr(source, name)), None)
 
 
-def _of_library(model: Any, tool: str | None, joints: Sequence[str] | None) -> Chain:
-    """The arm of another library's model; that library is imported only now."""
+def _from_model(model: Any, tool: str | None, joints: Sequence[str] | None) -> Chain:
+    """The arm of another library's model; the library is imported only here."""
     if (library := _library(model)) == "pinocchio":
-        from invariantqp.robots.models import load_model
+        from invariantqp.robots.pinocchio_arms import load_model
 
         return load_model(model, tool, joints)
     if library == "mujoco":
@@ -199,7 +201,7 @@ def _of_library(model: Any, tool: str | None, joints: Sequence[str] | None) -> C
     return chain_to_link(list(map(joint_of_yourdfpy, model.robot.joints)), "the yourdfpy model", tool, joints)
 
 
-def _chain(screws: ArrayLike, home: str | ArrayLike | None, names: tuple[str, ...] | None) -> Chain:
+def _from_screws(screws: ArrayLike, home: str | ArrayLike | None, names: tuple[str, ...] | None) -> Chain:
     """The arm of joint screws."""
     if hasattr(screws, "model"):
         raise BadInput("source", excerpt(screws), SOURCES, "Pass its .model.")
@@ -214,9 +216,9 @@ def _chain(screws: ArrayLike, home: str | ArrayLike | None, names: tuple[str, ..
 
 def urdf_of(source: str | PathLike[str]) -> Path:
     """The URDF file of a known name or a path."""
-    known = IN_DATA.get(str(source))
+    known = EXAMPLE_ROBOTS.get(str(source))
     if known is not None:
-        return _data_folder() / known.urdf
+        return _example_data_folder() / known.urdf
     if str(source) in PUBLISHED:
         raise RobotModelError(f"{source}: known by its joints alone; give the path of its URDF where masses are needed")
     path = Path(source)
@@ -233,7 +235,7 @@ def urdf_of(source: str | PathLike[str]) -> Path:
     raise UnknownName("robot", str(source), near, [*KNOWN, "or the path of a URDF or MJCF file"])
 
 
-def _data_folder() -> Path:
+def _example_data_folder() -> Path:
     try:
         distribution = metadata.distribution(DATA)
     except metadata.PackageNotFoundError:

@@ -1,6 +1,6 @@
-"""Arms of MuJoCo models (MJCF), as chains of joint screws: the Jacobian of a body at the origin of the world.
+"""Arms of MuJoCo models (MJCF) as `Chain`s: joint screws are the Jacobian of a body with the moving joints at zero.
 
-A model is looked at with its moving joints at zero. Velocity limits are not part of such models.
+MuJoCo models have no velocity limits. This is the only file of the room that imports MuJoCo (extra `sim`).
 """
 
 from __future__ import annotations
@@ -18,31 +18,31 @@ from invariantqp.extras import optional
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.chain import Chain, Geometry, Link
-from invariantqp.robots.description import including
+from invariantqp.robots.description import files_that_include
 from invariantqp.robots.tree import (
-    MOVING,
-    NOWHERE,
+    SINGLE_AXIS_TYPES,
+    UNPLACED,
     Mimic,
     TreeJoint,
-    also,
-    cannot_move,
     coupled_joints,
+    default_tools,
     driver_of,
-    excluding,
-    followed,
-    notes_of,
+    joint_notes,
+    limits_with_mimics,
+    not_movable,
+    other_tools,
     ratio_of,
-    resting,
-    selected,
-    shared_limits,
-    usual_tools,
+    resolved_mimic,
+    rest_positions,
+    selected_joints,
+    with_exclusions,
 )
 
 with optional("sim", "mujoco"):
     import mujoco
 
 MODEL = "the MuJoCo model"
-EMPTY: Mapping[int, float] = {}
+NO_POSITIONS: Mapping[int, float] = {}
 HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
@@ -54,15 +54,15 @@ def read_mjcf(source: Path | str) -> Any:
             return mujoco.MjModel.from_xml_path(name)
         return mujoco.MjModel.from_xml_string(source)
     except ValueError as error:
-        said = " ".join(str(error).split())
-        advice = f" If it is a part of another model: {including(name).lower()}." if isinstance(source, Path) else ""
-        raise RobotModelError(f"{name}: MuJoCo cannot make a model of it ({said}).{advice}") from error
+        reason = " ".join(str(error).split())
+        advice = f" If it is a part of another model: {files_that_include(name)}." if isinstance(source, Path) else ""
+        raise RobotModelError(f"{name}: MuJoCo cannot make a model of it ({reason}).{advice}") from error
 
 
 def load_mujoco(model: Any, tool: str | None, chosen: Sequence[str] | None) -> Chain:
-    """The arm from the world of a `mujoco.MjModel`, its base, to a site or, where no site is called so, a body.
+    """The arm from the world of a `mujoco.MjModel` to a site or, where no site has that name, a body.
 
-    The rest is as in `load_robot`; joints that are held and have no single coordinate are as the model has them.
+    Held joints without a single coordinate keep the model's reference position.
     """
     bodies = [model.body(i).name or f"unnamed body {i}" for i in range(model.nbody)]
     sites = {model.site(i).name: int(model.site_bodyid[i]) for i in range(model.nsite) if model.site(i).name}
@@ -70,23 +70,23 @@ def load_mujoco(model: Any, tool: str | None, chosen: Sequence[str] | None) -> C
     paths = [_joints_to(model, body) for body in range(model.nbody)]
     tree = _tree(model, bodies)
     by_name = {name: [tree[i] for i in path] for name, path in zip(bodies, paths, strict=True)}
-    tools = usual_tools(by_name) if tool is None else [tool]
+    tools = default_tools(by_name) if tool is None else [tool]
     tool = tools[0]
     if tool not in carriers:
         raise UnknownName("frame", tool, difflib.get_close_matches(tool, carriers), list(carriers))
     body = carriers[tool]
     names = [joint.name for joint in tree]
-    can = [names[i] for i in paths[body] if tree[i].mimics is None]
-    moving = selected(MODEL, tool, can, tree, chosen)
+    movable = [names[i] for i in paths[body] if tree[i].mimics is None]
+    moving = selected_joints(MODEL, tool, movable, tree, chosen)
     driven = [i for i in paths[body] if driver_of(tree[i]) in moving]
     for i in driven:
-        if tree[i].kind not in MOVING:
+        if tree[i].kind not in SINGLE_AXIS_TYPES:
             why = "has no single coordinate; only hinges and slides are modelled"
-            raise cannot_move(MODEL, names[i], why, [name for name in can if name != names[i]])
-    data = _posed(model, tree, moving)
+            raise not_movable(MODEL, names[i], why, [name for name in movable if name != names[i]])
+    data = _data_at_rest(model, tree, moving)
     place = data.site(tool) if tool in sites else data.body(body)
     arm = [i for i in driven if tree[i].mimics is None]
-    lower, upper, _ = zip(*(shared_limits(tree[i], [tree[k] for k in driven], MODEL) for i in arm), strict=True)
+    lower, upper, _ = zip(*(limits_with_mimics(tree[i], [tree[k] for k in driven], MODEL) for i in arm), strict=True)
     screws = _twists(model, data, body)[:, model.jnt_dofadr[driven]] * [ratio_of(tree[i]) for i in driven]
     coupled = coupled_joints(screws, [(names[i], driver_of(tree[i])) for i in driven], moving)
     return Chain(
@@ -99,12 +99,15 @@ def load_mujoco(model: Any, tool: str | None, chosen: Sequence[str] | None) -> C
         places=data.xanchor[arm],
         links=_links(model, data, bodies, paths, driven, paths[body]),
         coupled=coupled if len(driven) > len(arm) else None,
-        notes=(*also(tools, by_name), *notes_of(tree, by_name, [tree[i] for i in paths[body]], moving, resting(tree))),
+        notes=(
+            *other_tools(tools, by_name),
+            *joint_notes(tree, by_name, [tree[i] for i in paths[body]], moving, rest_positions(tree)),
+        ),
     )
 
 
 def _tree(model: Any, bodies: list[str]) -> list[TreeJoint]:
-    """The joints of a model, without their places."""
+    """The joints of a model, without their poses."""
     kinds = {HINGE: "revolute", SLIDE: "prismatic"}
     made = []
     for i in range(model.njnt):
@@ -112,7 +115,7 @@ def _tree(model: Any, bodies: list[str]) -> list[TreeJoint]:
         lower, upper = (float(limit[0]) for limit in _limits(model, [i]))
         kind = kinds.get(int(model.jnt_type[i]), "floating")
         above = bodies[int(model.body_parentid[body])]
-        made.append(TreeJoint(name, kind, above, bodies[body], *NOWHERE, lower, upper))
+        made.append(TreeJoint(name, kind, above, bodies[body], *UNPLACED, lower, upper))
     active = (model.eq_type == int(mujoco.mjtEq.mjEQ_JOINT)) & model.eq_active0.astype(bool)
     for k in np.flatnonzero(active):  # y - y0 = a0 + a1 (x - x0) + ...
         one, driver = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
@@ -120,18 +123,18 @@ def _tree(model: Any, bodies: list[str]) -> list[TreeJoint]:
         if driver < 0:
             continue
         if a[2:].any():
-            raise cannot_move(
+            raise not_movable(
                 MODEL, made[one].name, f"is coupled to {made[driver].name!r} by a polynomial that is no line"
             )
         made[one] = made[one]._replace(mimics=Mimic(made[driver].name, float(a[1]), float(at[0] + a[0] - a[1] * at[1])))
-    return [followed(joint, made) for joint in made]
+    return [resolved_mimic(joint, made) for joint in made]
 
 
 def chain_to(model: Any, frame: str | int, kind: str) -> tuple[Chain, NDArray[np.intp]]:
-    """The joints of a `mujoco.MjModel` that move a frame, as screws from q = 0, and their tangent indices.
+    """The joints of a `mujoco.MjModel` that move a frame, as screws at q = 0, and their tangent indices.
 
-    The frame is the name or id of a "body", "geom" or "site". A free joint or a ball is as many screws as it has
-    degrees of freedom, without limits. A MuJoCo model has no velocity limits.
+    The frame is the name or id of a "body", "geom" or "site". A free joint or a ball has one screw without limits for
+    each degree of freedom.
     """
     data = _neutral(model)
     place = getattr(data, kind)(frame)
@@ -145,7 +148,7 @@ def chain_to(model: Any, frame: str | int, kind: str) -> tuple[Chain, NDArray[np
 
 
 def _limits(model: Any, joints: Sequence[int]) -> tuple[Array, Array]:
-    """Position limits (m,) of joints, infinite where there is none or a joint is no hinge or slide."""
+    """Position limits (m,) of joints, infinite where there is none or the joint is neither a hinge nor a slide."""
     limited = np.isin(model.jnt_type[joints], (HINGE, SLIDE)) & (model.jnt_limited[joints] != 0)
     lower, upper = np.where(limited[:, None], model.jnt_range[joints], (-np.inf, np.inf)).T
     return lower, upper
@@ -154,7 +157,7 @@ def _limits(model: Any, joints: Sequence[int]) -> tuple[Array, Array]:
 def _links(
     model: Any, data: Any, names: list[str], paths: list[list[int]], joints: list[int], to_tool: list[int]
 ) -> tuple[Link, ...]:
-    """All bodies, the arm's joints at zero; those behind joints off the way to the tool are `unknown`."""
+    """All bodies with the arm's joints at zero; those behind joints off the path to the tool are `unknown`."""
     made = []
     for i, name in enumerate(names):
         body = sum(joint in joints for joint in paths[i])
@@ -166,11 +169,11 @@ def _links(
         made.append(Link(name, body, frame, parts, unknown))
     signatures = model.exclude_signature.tolist()
     pairs = {frozenset((names[pair >> 16], names[pair & 0xFFFF])): "by the MJCF: <exclude>" for pair in signatures}
-    return excluding(made, pairs)
+    return with_exclusions(made, pairs)
 
 
 def _part(model: Any, geom: int) -> Geometry:
-    """A geom that collides; an ellipsoid is taken as the box about it."""
+    """A geom that collides; an ellipsoid becomes the box about it."""
     kind = mujoco.mjtGeom(int(model.geom_type[geom]))
     rotation, size = np.empty(9), model.geom_size[geom].tolist()
     mujoco.mju_quat2Mat(rotation, model.geom_quat[geom])
@@ -201,8 +204,8 @@ def _joints_to(model: Any, body: int) -> list[int]:
     return path
 
 
-def _neutral(model: Any, at: Mapping[int, float] = EMPTY) -> Any:
-    """The model's data with hinges and slides at zero, or at a position each."""
+def _neutral(model: Any, at: Mapping[int, float] = NO_POSITIONS) -> Any:
+    """The model's data with hinges and slides at given positions, by index, or at zero."""
     data = mujoco.MjData(model)
     for i in range(model.njnt):
         if model.jnt_type[i] in (HINGE, SLIDE):
@@ -212,25 +215,25 @@ def _neutral(model: Any, at: Mapping[int, float] = EMPTY) -> Any:
     return data
 
 
-def _posed(model: Any, tree: Sequence[TreeJoint], moving: Sequence[str]) -> Any:
-    """The model's data with the moving joints at zero, those that follow them there too, and the others at rest."""
-    at, rests = {}, resting(tree)
+def _data_at_rest(model: Any, tree: Sequence[TreeJoint], moving: Sequence[str]) -> Any:
+    """The model's data with the moving joints at zero, mimic joints accordingly, and the others at rest."""
+    at, rests = {}, rest_positions(tree)
     for i, joint in enumerate(tree):
         if joint.mimics is not None and joint.mimics.driver in moving:
             at[i] = joint.mimics.offset
-        elif joint.kind in MOVING and joint.name not in moving:
+        elif joint.kind in SINGLE_AXIS_TYPES and joint.name not in moving:
             at[i] = rests[joint.name]
     return _neutral(model, at)
 
 
 def _body_of(model: Any, frame: str | int, kind: str) -> int:
     """The body that carries a "body", "geom" or "site"."""
-    found = getattr(model, kind)(frame)
-    return int(found.id if kind == "body" else found.bodyid[0])
+    carrier = getattr(model, kind)(frame)
+    return int(carrier.id if kind == "body" else carrier.bodyid[0])
 
 
 def _twists(model: Any, data: Any, body: int) -> Array:
-    """(6, nv) twists of a body in the world, one for each degree of freedom."""
+    """(6, nv) twists of a body, in the world frame, one for each degree of freedom."""
     linear, angular = np.zeros((2, 3, model.nv))
     mujoco.mj_jac(model, data, linear, angular, np.zeros(3), body)
     return np.vstack((angular, linear))

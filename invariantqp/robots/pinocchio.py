@@ -1,6 +1,6 @@
 """Pinocchio, and a model of it made from joint screws.
 
-This is the only file that imports Pinocchio, 3.8 or later; without it, it names the extra that installs it.
+This is the only file that imports Pinocchio, 3.8 or later (extra `pin`).
 """
 
 from __future__ import annotations
@@ -25,10 +25,9 @@ __all__ = ["model_of", "pin"]
 def model_of(
     screws: Array, places: Array, home: Array, names: Sequence[str], limits: Sequence[Array], tool: str
 ) -> pin.Model:
-    """A `pinocchio.Model` without masses whose joints have given screws; at zero their frames are at their places.
+    """A `pinocchio.Model` without masses from unit screws (6, m) at q = 0, base frame, on axes through places (m, 3).
 
-    Unit twists (6, m) at q = 0 in the base frame, places (m, 3) on their axes, the tool at `home` (4, 4) at q = 0;
-    limits are lower and upper position limits and velocity limits, (m,) each.
+    `home` is the (4, 4) tool pose at q = 0; `limits` are lower and upper position and velocity limits, (m,) each.
     """
     model, last = pin.Model(), np.eye(4)
     joint = 0

@@ -1,12 +1,12 @@
-"""Arms whose joints are written here, from what their makers publish: numbers alone, without meshes and masses.
+"""Kinematics of arms from their makers' data, without meshes and masses.
 
-Each joint turns about z of its frame. A frame is placed in the one before by a translation and by quarter turns about
-fixed axes, Rz(yaw) Ry(pitch) Rx(roll). Base frames and tool frames are the makers' own; the tool frame is the flange.
+Each joint turns about z of its frame. A frame is placed in the previous one by a translation and by quarter turns about
+fixed axes, Rz(yaw) Ry(pitch) Rx(roll). The base frame is the maker's; the tool frame is the flange.
 
 Sources: Universal Robots, "DH parameters for calculations of kinematics and dynamics"; limits from ur_description,
-which quotes the user manuals 5.8 and halves the elbow's range, since beyond it links collide. Franka Robotics,
+which quotes the user manuals 5.8 and halves the elbow's range against collisions of links. Franka Robotics,
 franka_description (fr3). KUKA LBR iiwa 7 R800 and 14 R820: lbr_fri_ros2_stack and iiwa_stack. Kinova, ros_kortex (Gen3
-with seven joints). UFACTORY, xarm_ros (Lite 6). Right angles that a source rounds, such as 1.5708, are right angles.
+with seven joints). UFACTORY, xarm_ros (Lite 6). Rounded right angles of a source, such as 1.5708, are exact here.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from invariantqp.geometry import se3
 from invariantqp.robots.tree import TreeJoint
 from invariantqp.robots.urdf import rotation
 
-# Where a frame is: a translation [m], and quarter turns (roll, pitch, yaw).
+# The pose of a frame in the previous one: translation [m], quarter turns (roll, pitch, yaw).
 Place = tuple[tuple[float, float, float], tuple[int, int, int]]
-# A joint: where its frame is, its position limits [rad] and its velocity limit [rad/s].
+# A joint: the pose of its frame, position limits [rad], velocity limit [rad/s].
 Row = tuple[tuple[float, float, float], tuple[int, int, int], float, float, float]
 
-UR_NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+UR_JOINT_NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 
 
 def published(name: str) -> list[TreeJoint]:
-    """The joints of an arm of this file, base first, and the fixed one of its flange."""
+    """The joints of an arm, base first, and the fixed joint of its flange."""
     joints, flange = PUBLISHED[name]
     last = f"link{len(joints)}"
     return [*joints, TreeJoint("flange", "fixed", last, "tool0", _frame(flange), np.array((0.0, 0.0, 1.0)))]
@@ -60,11 +60,11 @@ def _ur(d1: float, a2: float, a3: float, d4: float, d5: float, d6: float, speeds
         ((0.0, -d5, 0.0), (1, 0, 0), -tau, tau, v[4]),
         ((0.0, d6, 0.0), (-1, 0, 0), -tau, tau, v[5]),
     ]
-    return _joints([f"{name}_joint" for name in UR_NAMES], rows)
+    return _joints([f"{name}_joint" for name in UR_JOINT_NAMES], rows)
 
 
 def _iiwa(d: Sequence[float], speeds: Sequence[float]) -> tuple[list[TreeJoint], Place]:
-    """A KUKA LBR iiwa from its shoulder's height, the lengths of its arms and its flange [m], and speeds [deg/s]."""
+    """A KUKA LBR iiwa from shoulder height, arm lengths and flange [m], and velocity limits [deg/s]."""
     v = [radians(speed) for speed in speeds]
     rows: list[Row] = [
         ((0.0, 0.0, 0.0), (0, 0, 0), -radians(170), radians(170), v[0]),
@@ -78,13 +78,13 @@ def _iiwa(d: Sequence[float], speeds: Sequence[float]) -> tuple[list[TreeJoint],
     return _joints([f"A{i}" for i in range(1, 8)], rows), ((0.0, 0.0, d[3]), (0, 0, 0))
 
 
-HERE: Place = ((0.0, 0.0, 0.0), (0, 0, 0))
+AT_LAST_JOINT: Place = ((0.0, 0.0, 0.0), (0, 0, 0))
 # Joints and flange of each arm.
 PUBLISHED: dict[str, tuple[list[TreeJoint], Place]] = {
-    "ur3e": (_ur(0.15185, -0.24355, -0.2132, 0.13105, 0.08535, 0.0921, [180, 180, 180, 360, 360, 360]), HERE),
-    "ur5e": (_ur(0.1625, -0.425, -0.3922, 0.1333, 0.0997, 0.0996, [180] * 6), HERE),
-    "ur10e": (_ur(0.1807, -0.6127, -0.57155, 0.17415, 0.11985, 0.11655, [120, 120, 180, 180, 180, 180]), HERE),
-    "ur16e": (_ur(0.1807, -0.4784, -0.36, 0.17415, 0.11985, 0.11655, [120, 120, 180, 180, 180, 180]), HERE),
+    "ur3e": (_ur(0.15185, -0.24355, -0.2132, 0.13105, 0.08535, 0.0921, [180, 180, 180, 360, 360, 360]), AT_LAST_JOINT),
+    "ur5e": (_ur(0.1625, -0.425, -0.3922, 0.1333, 0.0997, 0.0996, [180] * 6), AT_LAST_JOINT),
+    "ur10e": (_ur(0.1807, -0.6127, -0.57155, 0.17415, 0.11985, 0.11655, [120, 120, 180, 180, 180, 180]), AT_LAST_JOINT),
+    "ur16e": (_ur(0.1807, -0.4784, -0.36, 0.17415, 0.11985, 0.11655, [120, 120, 180, 180, 180, 180]), AT_LAST_JOINT),
     "fr3": (
         _joints(
             [f"fr3_joint{i}" for i in range(1, 8)],
@@ -129,6 +129,6 @@ PUBLISHED: dict[str, tuple[list[TreeJoint], Place]] = {
                 ((0.0, 0.0625, 0.0), (-1, 0, 0), -tau, tau, 3.14),
             ],
         ),
-        HERE,
+        AT_LAST_JOINT,
     ),
 }

@@ -1,7 +1,6 @@
-"""URDF, from a file, from text or as yourdfpy has read it: joints, geometry, and the part of it that is an arm.
+"""Reading URDF and SRDF: joints, collision and visual geometry, exclusions; joints of a `yourdfpy.URDF`.
 
-Read are each joint's name, type, links, origin, axis, limits and whether it mimics another, and of each link what it
-collides with and looks like. An origin is T = (Rz(yaw) Ry(pitch) Rx(roll), xyz), an axis is made a unit vector.
+An origin is T = (Rz(yaw) Ry(pitch) Rx(roll), xyz); an axis is normalised.
 """
 
 from __future__ import annotations
@@ -20,16 +19,24 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.robots.chain import Chain, Geometry
 from invariantqp.robots.description import read_xml, require_robot
 from invariantqp.robots.kinematics import UNLIMITED
-from invariantqp.robots.tree import MOVING, TYPES, Exclusions, Mimic, TreeJoint, displacement, path_to, rest
+from invariantqp.robots.tree import (
+    JOINT_TYPES,
+    SINGLE_AXIS_TYPES,
+    Exclusions,
+    Mimic,
+    TreeJoint,
+    displacement,
+    path_to,
+    rest_position,
+)
 
 
 def joints_of(name: str, root: ET.Element) -> list[TreeJoint]:
-    """The joints of a URDF's root element, in its order; `name` is what messages call the robot."""
+    """The joints of a URDF's root element, in its order; `name` is the robot's in messages."""
     require_robot(name, root)
-    elements = root.findall("joint")
     if root.tag != "robot":
         raise RobotModelError(f"{name}: found <{root.tag}>; expected a URDF <robot> with <joint>s")
-    joints = [_joint(name, element) for element in elements]
+    joints = [_joint(name, element) for element in root.findall("joint")]
     names = [joint.name for joint in joints]
     twice = next((called for called in names if names.count(called) > 1), None)
     if twice is not None:
@@ -42,39 +49,39 @@ def joints_of(name: str, root: ET.Element) -> list[TreeJoint]:
     return joints
 
 
-def parts_of(name: str, root: ET.Element, folder: Path | None) -> dict[str, tuple[Geometry, ...]]:
-    """The collision geometry of each link of a URDF's root element; meshes are looked up from a folder.
+def collision_geometry(name: str, root: ET.Element, folder: Path | None) -> dict[str, tuple[Geometry, ...]]:
+    """The collision geometry of each link of a URDF's root element; mesh files are searched from a folder.
 
-    What is wrong with one is an error when it is used: an arm moves without.
+    Geometry with an error is "unreadable", which is an error only where shapes are needed.
     """
     return {
-        link.get("name", ""): tuple(_part(name, link, element, folder) for element in link.findall("collision"))
+        link.get("name", ""): tuple(_geometry(name, link, element, folder) for element in link.findall("collision"))
         for link in root.findall("link")
     }
 
 
 class Visual(NamedTuple):
-    """What a link looks like, or a part of it."""
+    """A visual geometry of a link."""
 
     link: str
     part: Geometry
     colour: tuple[float, ...] | None  # red, green, blue, opacity, 0 ... 1; None where the URDF names none
 
 
-def visuals_of(name: str, root: ET.Element, folder: Path | None) -> list[Visual]:
-    """The visual geometry of a URDF's root element; what is wrong with a part is an error as in `parts_of`."""
+def visual_geometry(name: str, root: ET.Element, folder: Path | None) -> list[Visual]:
+    """The visual geometry of a URDF's root element; errors as in `collision_geometry`."""
     colours = {material.get("name"): _colour(material) for material in root.findall("material")}
-    found = []
+    visuals = []
     for link in root.findall("link"):
         for element in link.findall("visual"):
             material = element.find("material")
             own = None if material is None else _colour(material) or colours.get(material.get("name"))
-            found.append(Visual(link.get("name", ""), _part(name, link, element, folder), own))
-    return found
+            visuals.append(Visual(link.get("name", ""), _geometry(name, link, element, folder), own))
+    return visuals
 
 
 def _colour(material: ET.Element) -> tuple[float, ...] | None:
-    """What a material's <color> says, within 0 ... 1; None where it says nothing that can be read."""
+    """The colour of a material, within 0 ... 1; None where there is none that can be read."""
     colour = material.find("color")
     try:
         rgba = [] if colour is None else [float(word) for word in colour.get("rgba", "1 1 1 1").split()]
@@ -83,7 +90,7 @@ def _colour(material: ET.Element) -> tuple[float, ...] | None:
     return tuple(min(max(x, 0.0), 1.0) for x in rgba) if len(rgba) == 4 else None
 
 
-# Which attributes give the size of a geometry, with how many numbers each.
+# Attributes with the size of each geometry, and how many numbers each has.
 SIZES = {
     "box": {"size": 3},
     "sphere": {"radius": 1},
@@ -93,7 +100,7 @@ SIZES = {
 }
 
 
-def _part(name: str, link: ET.Element, element: ET.Element, folder: Path | None) -> Geometry:
+def _geometry(name: str, link: ET.Element, element: ET.Element, folder: Path | None) -> Geometry:
     where = f"{name}: link {link.get('name')!r}"
     shape = next(iter(element.find("geometry") or ()), None)
     kind = "" if shape is None else shape.tag
@@ -118,7 +125,7 @@ def _origin(where: str, element: ET.Element) -> Array:
 
 
 def _mesh_file(uri: str, folder: Path | None) -> str:
-    """Where the mesh of a URI is: of a package, in the first folder above the description that has it."""
+    """The mesh file of a URI; of a package:// URI, in the first folder above the description that contains it."""
     path = uri.partition("://")[2] or uri
     folders = () if folder is None else (folder, *folder.parents)
     for place in folders:
@@ -140,23 +147,23 @@ def rotation(rpy: Sequence[float]) -> Array:
     )
 
 
-def open_limit(value: float) -> float:
-    """A limit, infinite where it is so large that it stands for none."""
+def infinite_if_large(value: float) -> float:
+    """A limit, infinite where it is so large that it means none."""
     return value if abs(value) < UNLIMITED else inf if value > 0.0 else -inf
 
 
 def _joint(name: str, element: ET.Element) -> TreeJoint:
     called, kind = element.get("name", ""), element.get("type", "")
     where = f"{name}: joint {called!r}"
-    if kind not in TYPES:
-        raise RobotModelError(f"{where}: type {kind!r}; expected one of {', '.join(TYPES)}")
+    if kind not in JOINT_TYPES:
+        raise RobotModelError(f"{where}: type {kind!r}; expected one of {', '.join(JOINT_TYPES)}")
     parent, child = (getattr(element.find(tag), "attrib", {}).get("link", "") for tag in ("parent", "child"))
     if not (called and parent and child):
         raise RobotModelError(f"{where}: expected a name, and <parent> and <child> with a link each")
     origin = _origin(where, element)
     axis = np.array(_numbers(where, element.find("axis"), "xyz", "1 0 0"))
     length = hypot(*axis.tolist())
-    if kind in MOVING and length == 0.0:
+    if kind in SINGLE_AXIS_TYPES and length == 0.0:
         raise RobotModelError(f"{where}: an axis of length 0; expected a direction")
     mimic = element.find("mimic")
     limits = _limits(where, kind, element)
@@ -170,9 +177,9 @@ def _joint(name: str, element: ET.Element) -> TreeJoint:
 
 
 def _limits(where: str, kind: str, element: ET.Element) -> tuple[float, float, float]:
-    """Position limits and the velocity limit; what is left out is 0 for positions, as in URDF, and no speed limit."""
+    """Lower, upper and velocity limit; missing position limits are 0, as in URDF, a missing velocity limit is inf."""
     limit = element.find("limit")
-    if kind not in MOVING:
+    if kind not in SINGLE_AXIS_TYPES:
         return -inf, inf, inf
     if limit is None and kind != "continuous":
         raise RobotModelError(f'{where}: a {kind} joint without <limit>; one without limits is type="continuous"')
@@ -181,7 +188,7 @@ def _limits(where: str, kind: str, element: ET.Element) -> tuple[float, float, f
         lower, upper = -inf, inf
     if lower > upper:
         raise RobotModelError(f"{where}: lower limit {lower:g} above the upper one, {upper:g}")
-    return open_limit(lower), open_limit(upper), open_limit(speed) if speed > 0.0 else inf
+    return infinite_if_large(lower), infinite_if_large(upper), infinite_if_large(speed) if speed > 0.0 else inf
 
 
 def _numbers(where: str, element: ET.Element | None, key: str, default: str, count: int = 3) -> list[float]:
@@ -201,7 +208,7 @@ def joint_of_yourdfpy(joint: Any) -> TreeJoint:
     axis = np.array((1.0, 0.0, 0.0) if joint.axis is None else joint.axis, np.float64)
     limit = None if joint.type == "continuous" else joint.limit
     # As in a URDF, positions that are left out are 0.
-    lower, upper = (-inf, inf) if limit is None else (open_limit(x or 0.0) for x in (limit.lower, limit.upper))
+    lower, upper = (-inf, inf) if limit is None else (infinite_if_large(x or 0.0) for x in (limit.lower, limit.upper))
     speed = (joint.limit and joint.limit.velocity) or inf
     length = float(np.linalg.norm(axis)) or 1.0
     mimic = joint.mimic
@@ -212,10 +219,7 @@ def joint_of_yourdfpy(joint: Any) -> TreeJoint:
 
 
 def chain_xml(path: Path, tool: str, moving: Sequence[str]) -> str:
-    """The URDF text of the chain to a tool link, in which the named joints move, without meshes and branches.
-
-    For other readers than Pinocchio, which reduces models itself: joints that do not move are fixed.
-    """
+    """The URDF text of the chain to a tool link, without meshes and branches; joints not in `moving` are fixed."""
     name, root = read_xml(path)
     links = {link.get("name", ""): link for link in root.findall("link")}
     if tool not in links:
@@ -226,7 +230,7 @@ def chain_xml(path: Path, tool: str, moving: Sequence[str]) -> str:
     cut.append(links[chain[0].parent if chain else tool])
     for joint in chain:
         if joint.name not in moving:
-            _hold(elements[joint.name], joint)
+            _fix(elements[joint.name], joint)
         cut.extend((elements[joint.name], links[joint.child]))
     for link in cut.findall("link"):
         for mesh in (*link.findall("visual"), *link.findall("collision")):
@@ -237,29 +241,27 @@ def chain_xml(path: Path, tool: str, moving: Sequence[str]) -> str:
     return ET.tostring(cut, encoding="unicode")
 
 
-def _hold(element: ET.Element, joint: TreeJoint) -> None:
-    """Fix a joint where a held one stands."""
-    from scipy.spatial.transform import Rotation  # for this alone
+def _fix(element: ET.Element, joint: TreeJoint) -> None:
+    """Fix a joint at its rest position."""
+    from scipy.spatial.transform import Rotation  # slow to import
 
-    if joint.kind in MOVING and rest(joint):
-        place = joint.origin.dot(displacement(joint, rest(joint)))
-        found = element.find("origin")
-        origin = ET.SubElement(element, "origin") if found is None else found
+    if joint.kind in SINGLE_AXIS_TYPES and rest_position(joint):
+        place = joint.origin.dot(displacement(joint, rest_position(joint)))
+        origin = element.find("origin")
+        origin = ET.SubElement(element, "origin") if origin is None else origin
         origin.set("xyz", " ".join(map(repr, place[:3, 3].tolist())))
         origin.set("rpy", " ".join(map(repr, Rotation.from_matrix(place[:3, :3]).as_euler("xyz").tolist())))
     element.set("type", "fixed")
 
 
-def excluded(robot: Chain, file: str | PathLike[str] | None = None) -> Exclusions:
-    """Pairs of links that a robot's own description excludes, and those of an SRDF file; each with its reason."""
-    found: Exclusions = {}
-    for link in robot.links:
-        found.update({frozenset((link.name, other)): reason for other, reason in link.excludes})
-    return found if file is None else {**found, **disabled(Path(file))}
+def excluded_pairs(robot: Chain, file: str | PathLike[str] | None = None) -> Exclusions:
+    """Pairs of links that a robot's own description and an SRDF file exclude from collision, with the reason."""
+    own = {frozenset((link.name, other)): reason for link in robot.links for other, reason in link.excludes}
+    return own if file is None else {**own, **srdf_exclusions(Path(file))}
 
 
-def disabled(file: Path) -> Exclusions:
-    """The pairs of an SRDF, <disable_collisions link1="hand" link2="finger" reason="Adjacent"/>."""
+def srdf_exclusions(file: Path) -> Exclusions:
+    """The pairs of an SRDF file: <disable_collisions link1="hand" link2="finger" reason="Adjacent"/>."""
     name, root = read_xml(file)
     if root.tag != "robot":
         raise RobotModelError(f"{name}: found <{root.tag}>; expected the <robot> of an SRDF")

@@ -217,7 +217,7 @@ class OneLine:
         tool = self.robot.pose(q)
         felt = self.sensor.wrench(reading, tool)
         self.felt = felt if self.felt is None else self.felt + self.share * (felt - self.felt)
-        twist = tracking_twist(self.robot.sight(q, target).error, self.loop.gain) + ahead
+        twist = tracking_twist(self.robot.state(q, target).error, self.loop.gain) + ahead
         at = tool[:3, 3]
         press = (self.task.wrench if wanted is None else wanted)[0]
         down = velocity_at(twist, at)[2] + self.c * (press + self.felt[5])

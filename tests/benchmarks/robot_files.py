@@ -27,7 +27,7 @@ import pinocchio as pin
 
 import invariantqp as iq
 from invariantqp.errors import InvariantQPError
-from invariantqp.robots.load import _data_folder
+from invariantqp.robots.load import _example_data_folder
 
 PACKAGES = ("robosuite", "gymnasium_robotics", "pybullet_data", "gym_aloha", "rtbdata", "airo_models")
 OBJECTS = ("random_urdfs", "objects", "/object/")
@@ -46,7 +46,7 @@ class Outcome(NamedTuple):
 
 def folders() -> Iterator[Path]:
     """Of the packages that are installed."""
-    yield _data_folder()
+    yield _example_data_folder()
     for package in PACKAGES:
         found = find_spec(package)
         if found is not None:

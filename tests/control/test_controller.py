@@ -22,7 +22,7 @@ def target(error=(0.02, -0.01, 0.03, 0.02, 0.01, -0.03)):
 def test_it_reaches_a_target_at_rest():
     goal = target()
     q, _ = drive(controller(gain=50.0), READY, goal, 400).end
-    assert np.linalg.norm(PANDA.sight(q, PANDA.target(goal)).error) < 1e-6
+    assert np.linalg.norm(PANDA.state(q, PANDA.target(goal)).error) < 1e-6
 
 
 def test_one_tick_removes_its_share_of_the_error():
@@ -30,7 +30,7 @@ def test_one_tick_removes_its_share_of_the_error():
         small = iq.exp(1e-4 * np.ones(6)) @ PANDA.pose(READY)
         loop = controller(gain=share / DT, posture=False)
         q = READY + DT * loop.step(READY, small).velocity
-        left, whole = np.linalg.norm(PANDA.sight(q, PANDA.target(small)).error), np.linalg.norm(1e-4 * np.ones(6))
+        left, whole = np.linalg.norm(PANDA.state(q, PANDA.target(small)).error), np.linalg.norm(1e-4 * np.ones(6))
         assert left == pytest.approx((1.0 - share) * whole, abs=0.02 * whole)  # a loop sets off softly
 
 

@@ -55,7 +55,7 @@ def test_an_axis_follows_and_turns_freely_about_itself(so101):
 
 def test_an_axis_turned_round_is_half_a_turn_away(so101):
     target = so101.pose(Q) @ iq.exp([np.pi, 0.0, 0.0, 0.0, 0.0, 0.0])
-    view = View(so101, so101.sight(Q, target), target, 2.0, np.zeros(6))
+    view = View(so101, so101.state(Q, target), target, 2.0, np.zeros(6))
     rows = iq.control.ExactAxis([0.0, 0.0, 1.0]).rows(view)
     assert np.linalg.norm(rows.b) == pytest.approx(2.0 * np.pi, rel=1e-6)
 

@@ -43,7 +43,7 @@ def ticks(robot, q, as_given, steps=12):
         follower.add(target, 0.02 * k)
         joystick.twist(twist)
         told = [
-            plain.step(at, robot.target(target)),  # as `robot.sight` takes it
+            plain.step(at, robot.target(target)),  # as `robot.state` takes it
             plain.step(at, target),
             plain.step(at, target, led, speed=0.5, velocity_limit=as_given(2.0 * np.ones(m))),
             braked.step(at, target, led, speed),

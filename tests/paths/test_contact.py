@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
-from support.drawing import DT, PERIOD, Drive, off_circle, slow_bench
+from support.half_circle import DT, PERIOD, Drive, off_circle, slow_bench
 
 import invariantqp as iq
 

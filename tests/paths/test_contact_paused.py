@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.drawing import PERIOD, Drive
+from support.half_circle import PERIOD, Drive
 
 
 def test_a_pause_stands_under_the_force_and_goes_on():

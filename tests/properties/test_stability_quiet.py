@@ -19,8 +19,8 @@ ARMS = {
 
 def definite(robot, q, target, gain, L):
     """One tick of least squares in W = diag(L^2 I, I) at the tool, inside the limits, by DAQP alone."""
-    sighting = robot.sight(q, target)
-    J, s = sighting.J, gain * sighting.error
+    state = robot.state(q, target)
+    J, s = state.J, gain * state.error
     root = root_of(robot.pose(q)[:3, 3], L)
     A, b = root @ J, root @ s
     mu = 0.5 * DT * np.linalg.norm(b) * np.linalg.norm(A)
@@ -46,7 +46,7 @@ def test_quiet_at_the_definite_laws_error(name):
             x = step(q)
             q = q + DT * x
         assert np.abs(x).max() < QUIET
-        error = robot.sight(q, target).error
+        error = robot.state(q, target).error
         off = np.linalg.norm(robot.pose(q)[:3, 3] - pose[:3, 3]), L * np.linalg.norm(error[:3])
         errors.append(np.hypot(*off))  # what both make least; what gains less than a thousandth of it stays
     np.testing.assert_allclose(errors[0], errors[1], rtol=0.01)

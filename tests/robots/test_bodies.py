@@ -7,11 +7,21 @@ from itertools import chain
 
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 
 import invariantqp as iq
+from invariantqp.geometry.coal import triangles as mesh_of
 from invariantqp.geometry.shapes import Box, Capsule, HalfSpace, Sphere
-from invariantqp.robots.bodies import _read, _thinned, bodies_of, box, capsule, shapes_about
-from invariantqp.robots.urdf import disabled, excluded
+from invariantqp.robots.bodies import (
+    _decimated,
+    _mesh_triangles,
+    _triangles,
+    bodies_of,
+    enclosing_box,
+    enclosing_capsule,
+    enclosing_shapes,
+)
+from invariantqp.robots.urdf import excluded_pairs, srdf_exclusions
 
 ARM = """<mujoco><compiler angle="radian"/><worldbody><geom name="floor" type="plane" size="1 1 .1"/>
 <body name="a" pos="0 0 .3"><joint name="j1" axis="0 0 1"/><geom type="capsule" size=".05" fromto="0 0 0 .3 0 0"/>
@@ -45,7 +55,7 @@ def test_a_capsule_contains_its_points_and_is_not_large():
         [0.0, 0.0, 0.0],
     ):
         points = rng.uniform(-0.5, 0.5, (60, 3)) * size
-        found = capsule(points)
+        found = enclosing_capsule(points)
         assert off(found, points).max() < 1e-12
         assert found.radius <= 0.51 * np.linalg.norm(size) + 1e-12
 
@@ -54,11 +64,9 @@ def test_several_shapes_contain_every_triangle():
     rng = np.random.default_rng(1)
     bars = [np.array([[x, y, z] for x in (0, 0.5) for y in (0, 0.05) for z in (0, 0.05)]),
             np.array([[x, y, z] for x in (0, 0.05) for y in (0, 0.5) for z in (0, 0.05)])]  # fmt: skip
-    from scipy.spatial import ConvexHull
-
     corners = np.vstack(bars)
     faces = np.vstack([ConvexHull(bar).simplices + 8 * i for i, bar in enumerate(bars)])
-    made = shapes_about(corners[faces])
+    made = enclosing_shapes(corners[faces])
     assert len(made) > 1
     weights = rng.dirichlet(np.ones(3), size=(len(faces), 50))
     points = np.einsum("fkc,fcx->fkx", weights, corners[faces]).reshape(-1, 3)
@@ -66,10 +74,7 @@ def test_several_shapes_contain_every_triangle():
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5"])
-def test_what_a_urdf_has_is_inside_its_bodies(name):
-    pytest.importorskip("coal")
-    from invariantqp.geometry.coal import triangles
-
+def test_bodies_contain_the_meshes_of_a_urdf(name):
     robot = iq.load_robot(name)
     bodies = bodies_of(robot)
     again = bodies_of(iq.load_robot(name))  # computed once
@@ -78,8 +83,8 @@ def test_what_a_urdf_has_is_inside_its_bodies(name):
     for link in robot.links:
         for part in link.parts:
             if part.kind == "mesh":
-                corners, faces = triangles(part.mesh)
-                read = _read(part.mesh).reshape(-1, 3)  # coal leaves out triangles without an area
+                corners, faces = mesh_of(part.mesh)
+                read = _mesh_triangles(part.mesh).reshape(-1, 3)  # coal leaves out triangles without an area
                 np.testing.assert_allclose(read.max(axis=0), corners.max(axis=0), atol=1e-7)
                 np.testing.assert_allclose(read.min(axis=0), corners.min(axis=0), atol=1e-7)
                 assert len(faces) <= len(read) // 3
@@ -89,30 +94,26 @@ def test_what_a_urdf_has_is_inside_its_bodies(name):
     assert checked >= 7
 
 
-def test_axes_are_chosen_by_few_corners_but_all_are_contained():
+def test_shapes_of_decimated_triangles_contain_all_of_them():
     """A bar of many small triangles with one thin spike, which no cell of the grid need show."""
-    from scipy.spatial import ConvexHull
-
     rng = np.random.default_rng(2)
     points = rng.normal(size=(30000, 3))
     points *= np.array([0.3, 0.05, 0.05]) / np.linalg.norm(points, axis=1)[:, None]
     triangles = np.concatenate((points[ConvexHull(points).simplices], [[[0, 0, 0], [1e-4, 0, 0.06], [0, 1e-4, 0.06]]]))
-    assert len(_thinned(triangles)) < 0.5 * len(triangles)
-    made = shapes_about(triangles)
+    assert len(_decimated(triangles)) < 0.5 * len(triangles)
+    made = enclosing_shapes(triangles)
     assert np.min([off(one, triangles.reshape(-1, 3)) for one in made], axis=0).max() < 1e-12
     assert sum(map(volume, made)) < 0.008
 
 
 @pytest.mark.parametrize("size", [(1.2, 0.75, 0.03), (0.3, 0.3, 0.002), (0.2, 0.1, 0.08), (0.5, 0.2, 0.0)])
 def test_a_plate_becomes_a_box_however_it_is_turned(size):
-    from scipy.spatial import ConvexHull
-
     corners = np.array(np.meshgrid(*([-0.5, 0.5],) * 3)).reshape(3, -1).T
     faces = ConvexHull(corners).simplices
     rng = np.random.default_rng(0)
     for turn in [np.eye(3), *np.linalg.qr(rng.normal(size=(4, 3, 3)))[0]]:
         points = (corners * size) @ turn.T + [0.1, -0.2, 0.3]
-        made = shapes_about(points[faces])
+        made = enclosing_shapes(points[faces])
         assert {type(one) for one in made} == {Box}
         assert np.min([off(one, points) for one in made], axis=0).max() < 1e-12
         assert sum(map(volume, made)) == pytest.approx(np.prod(size), rel=1e-9, abs=1e-12)
@@ -122,18 +123,13 @@ def test_a_box_lies_along_a_face_of_what_it_contains():
     """About a wedge, whose principal axes are along none of its faces."""
     wedge = np.array([(x, y, z) for y in (0.0, 0.1) for x, z in ((0.0, 0.0), (0.4, 0.0), (0.0, 0.1))])
     turn = iq.exp([0.3, -0.7, 0.4, 0.0, 0.0, 0.0])[:3, :3]
-    made = box(wedge @ turn.T, turn.T[:2])
+    made = enclosing_box(wedge @ turn.T, turn.T[:2])
     assert off(made, wedge @ turn.T).max() < 1e-12
     assert volume(made) == pytest.approx(0.4 * 0.1 * 0.1)
 
 
-def test_shapes_of_robots_are_no_many_times_their_links():
+def test_shapes_have_less_than_three_times_the_volume_of_their_link():
     """By the volume of each link's convex hull, or of those of its parts."""
-    pytest.importorskip("coal")
-    from scipy.spatial import ConvexHull
-
-    from invariantqp.robots.bodies import _surface
-
     ratios = []
     for name in ("panda", "ur5", "xarm7", "so101", "gen3"):
         robot = iq.load_robot(name)
@@ -141,14 +137,13 @@ def test_shapes_of_robots_are_no_many_times_their_links():
         for link in robot.links:
             meshes = [part for part in link.parts if part.kind == "mesh"]
             if len(meshes) == len(link.parts) > 0:
-                hulls = [ConvexHull(_surface(p).reshape(-1, 3) @ p.pose[:3, :3].T + p.pose[:3, 3]) for p in meshes]
+                hulls = [ConvexHull(_triangles(p).reshape(-1, 3) @ p.pose[:3, :3].T + p.pose[:3, 3]) for p in meshes]
                 ratios.append(sum(map(volume, made[link.name])) / sum(hull.volume for hull in hulls))
     assert len(ratios) > 20
     assert max(ratios) < 3.0
 
 
 def test_an_mjcf_gives_bodies_and_excludes():
-    pytest.importorskip("mujoco")
     with pytest.warns(UserWarning, match="no velocity limit"):
         robot = iq.load_robot(ARM)
     bodies = bodies_of(robot)
@@ -161,7 +156,7 @@ def test_an_mjcf_gives_bodies_and_excludes():
     assert ("world", "a") in limit.pairs  # a floor is nobody's neighbour
 
 
-def test_links_go_where_the_arm_goes_and_those_of_other_arms_are_not_known():
+def test_links_move_with_the_arm_and_those_of_other_arms_are_unknown():
     arm = iq.load_robot("ur5")
     q = np.array([0.3, -1.3, 1.9, -2.17, -1.57, 0.4])
     link = next(link for link in arm.links if link.name == "tool0")
@@ -176,7 +171,7 @@ def test_links_go_where_the_arm_goes_and_those_of_other_arms_are_not_known():
     assert "gripper_left_fingertip_1_link" not in unknown
 
 
-def test_geometry_that_cannot_be_read_is_told_when_it_is_asked_for(tmp_path):
+def test_unreadable_geometry_is_an_error_only_when_shapes_are_needed(tmp_path):
     text = """<robot name="r"><link name="a"/><link name="b"><collision><geometry>{}</geometry></collision></link>
 <joint name="j" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/><limit velocity="1"/>
 </joint></robot>"""
@@ -191,7 +186,7 @@ def test_geometry_that_cannot_be_read_is_told_when_it_is_asked_for(tmp_path):
     wrong = tmp_path / "a.srdf"
     wrong.write_text("<mujoco/>")
     with pytest.raises(iq.errors.RobotModelError, match="<robot> of an SRDF"):
-        disabled(wrong)
+        srdf_exclusions(wrong)
 
 
 def test_meshes_and_balls_of_an_mjcf():
@@ -225,7 +220,7 @@ def same_shape(one, other):
     return type(one) is type(other)
 
 
-def test_a_tools_bodies_are_a_link_as_they_were_given(panda):
+def test_bodies_of_a_tool_are_a_link_and_stay_exact(panda):
     pen = panda.with_tool(TIP, [*PEN, Sphere([0, 0, 0], 0.012)], name="pen", without=GRIPPER)
     bodies, q = bodies_of(pen), np.linspace(-0.5, 0.5, 7)
     assert pen.tool == "pen"
@@ -239,7 +234,7 @@ def test_a_tools_bodies_are_a_link_as_they_were_given(panda):
     assert "pen" not in bodies_of(pen.with_tool(np.eye(4), without=["pen"]))
 
 
-def test_one_shape_and_no_name_will_do(panda):
+def test_a_tool_may_have_one_shape_and_no_name(panda):
     named = panda.with_tool(TIP, Sphere([0, 0, 0], 0.1))
     assert named.tool == "panda_hand_tcp+offset"
     assert len(bodies_of(named)["panda_hand_tcp+offset"]) == 1
@@ -247,7 +242,7 @@ def test_one_shape_and_no_name_will_do(panda):
     assert list(bodies_of(bare)) == ["pen"]
 
 
-def test_a_tool_travels_and_compares(panda):
+def test_a_tool_is_copied_pickled_and_compared(panda):
     pen = panda.with_tool(TIP, PEN, name="pen", without=GRIPPER)
     for again in (pickle.loads(pickle.dumps(pen)), copy.deepcopy(pen), copy.copy(pen)):
         assert again == pen
@@ -258,15 +253,15 @@ def test_a_tool_travels_and_compares(panda):
     assert pen != 3
 
 
-def test_a_description_excludes_nothing_of_a_tool_by_an_old_name(panda):
+def test_exclusions_do_not_hold_for_a_new_link_of_an_old_name(panda):
     """The SRDF lets the old hand touch the fifth link; a new one of the same name may not."""
-    assert frozenset(("panda_hand", "panda_link5")) in excluded(panda)
+    assert frozenset(("panda_hand", "panda_link5")) in excluded_pairs(panda)
     assert not any(
-        "panda_hand" in pair for pair in excluded(panda.with_tool(TIP, PEN, name="panda_hand", without=GRIPPER))
+        "panda_hand" in pair for pair in excluded_pairs(panda.with_tool(TIP, PEN, name="panda_hand", without=GRIPPER))
     )
 
 
-def test_a_tool_is_carried_by_what_an_arm_stands_on(panda):
+def test_a_tool_keeps_its_bodies_on_a_rail_and_in_a_relative_chain(panda):
     pen = panda.with_tool(TIP, PEN, name="pen", without=GRIPPER)
     for robot in (
         iq.robots.stand_on(iq.robots.rail([0, 1, 0]), pen),
@@ -278,7 +273,7 @@ def test_a_tool_is_carried_by_what_an_arm_stands_on(panda):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "reason"),
     [
         ({"bodies": [HalfSpace([0, 0, 0], [0, 0, 1])]}, "bodies: .*Sphere, Capsule or Box"),
         ({"bodies": [[0.1, 0.2]]}, "bodies: .*Sphere, Capsule or Box"),
@@ -288,6 +283,6 @@ def test_a_tool_is_carried_by_what_an_arm_stands_on(panda):
         ({"without": "panda_hand"}, "without: .*a list of names"),
     ],
 )
-def test_tools_that_are_none(panda, arguments, said):
-    with pytest.raises(iq.BadInput, match=said):
+def test_an_invalid_tool_is_refused(panda, arguments, reason):
+    with pytest.raises(iq.BadInput, match=reason):
         panda.with_tool(np.eye(4), **arguments)

@@ -32,7 +32,7 @@ def test_poses_are_products_of_exponentials(m):
 
 
 @pytest.mark.parametrize("name", ["panda", "so101", "tiago", "fr3"])
-def test_pinocchio_sees_what_the_screws_say(name):
+def test_the_pinocchio_model_agrees_with_the_screws(name):
     arm, rng = iq.load_robot(name), np.random.default_rng(0)
     data, tool = arm.model.createData(), arm.model.nframes - 1
     for q in rng.normal(size=(50, len(arm.names))):
@@ -43,14 +43,14 @@ def test_pinocchio_sees_what_the_screws_say(name):
         np.testing.assert_allclose(seen, pose, rtol=0.0, atol=1e-14)
 
 
-def test_a_tool_has_a_name():
+def test_with_tool_renames_the_tool():
     arm = iq.robots.Chain(np.eye(6), np.eye(4), tool="pen")
     assert (arm.tool, arm.with_tool(np.eye(4)).tool) == ("pen", "pen+offset")
     with pytest.raises(iq.BadInput, match="tool: found 3"):
         iq.robots.Chain(np.eye(6), np.eye(4), tool=3)
 
 
-def test_other_limits_are_the_same_chain():
+def test_with_limits_changes_only_limits():
     arm = iq.load_robot("ur5e")
     slow = arm.with_limits(velocity_limit=0.5, position_upper=np.full(6, 1.0))
     np.testing.assert_array_equal(slow.velocity_limit, np.full(6, 0.5))

@@ -1,13 +1,13 @@
-"""Arms on rails, mobile bases and poses, one tool seen from another: against Pinocchio and finite differences."""
+"""Arms on rails, mobile bases and poses, one tool both_arms from another: against Pinocchio and finite differences."""
 
 import numpy as np
 import pinocchio as pin
 import pytest
-from support.arms import ready
+from support.arms import numerical_twists, ready
 
 import invariantqp as iq
 from invariantqp.robots import mobile_base, rail, relative, stand_on
-from invariantqp.robots.urdf import excluded
+from invariantqp.robots.urdf import excluded_pairs
 
 RNG = np.random.default_rng(4)
 PLACE = iq.exp([0.3, -0.2, 1.0, 0.4, -0.1, 0.7])
@@ -26,17 +26,10 @@ def appended(base, arm, place=None):
     return tool
 
 
-def turned(arm, q, step=1e-6):
-    """(6, m) joint twists by central differences, in the frame of arm's base."""
-    T = arm.pose(q)
-    moved = [[iq.log(arm.pose(q + s * e) @ np.linalg.inv(T)) for s in (step, -step)] for e in np.eye(len(q))]
-    return np.array([(a - b) / (2 * step) for a, b in moved]).T
-
-
 @pytest.mark.parametrize(
     "base", [rail([0, 2.0, 1.0]), mobile_base(1.0, 2.0), iq.load_robot("so101")], ids=["rail", "mobile", "arm"]
 )
-def test_an_arm_on_a_base_is_pinocchios_appended_model(base):
+def test_an_arm_on_a_base_agrees_with_pinocchios_appended_model(base):
     arm = iq.load_robot("ur5e")
     both = iq.load_robot("ur5e", base=base)
     assert both.names == (*base.names, *arm.names)
@@ -61,38 +54,38 @@ def two_arms():
     return iq.load_robot("panda", base=PLACE), iq.load_robot("panda", base=iq.transform(translation=(0.0, 0.9, 0.0)))
 
 
-def test_a_tool_seen_from_another():
+def test_the_relative_pose_and_twists_of_two_tools():
     arm, other = two_arms()
-    seen = relative(arm, other)
+    both_arms = relative(arm, other)
     for _ in range(4):
         p, q = RNG.uniform(-1.5, 1.5, (2, 7))
         both = np.concatenate((p[::-1], q))
         back = np.linalg.inv(other.pose(p))
-        np.testing.assert_allclose(seen.pose(both), back @ arm.pose(q), atol=1e-12)
+        np.testing.assert_allclose(both_arms.pose(both), back @ arm.pose(q), atol=1e-12)
         J = iq.adjoint(back) @ np.hstack((-other.jacobian(p)[:, ::-1], arm.jacobian(q)))
-        np.testing.assert_allclose(seen.jacobian(both), J, atol=1e-12)
-    np.testing.assert_allclose(seen.jacobian(both), turned(seen, both), atol=1e-8)
-    assert seen.names[:2] == ("other/panda_joint7", "other/panda_joint6")
-    np.testing.assert_array_equal(seen.position_upper, [*other.position_upper[::-1], *arm.position_upper])
+        np.testing.assert_allclose(both_arms.jacobian(both), J, atol=1e-12)
+    np.testing.assert_allclose(both_arms.jacobian(both), numerical_twists(both_arms, both), atol=1e-8)
+    assert both_arms.names[:2] == ("other/panda_joint7", "other/panda_joint6")
+    np.testing.assert_array_equal(both_arms.position_upper, [*other.position_upper[::-1], *arm.position_upper])
 
 
-def test_what_the_links_of_an_arm_may_touch_are_its_own():
+def test_exclusions_of_links_stay_within_each_arm():
     arm, other = two_arms()
-    own = excluded(arm)
+    own = excluded_pairs(arm)
     others = {frozenset(f"other/{name}" for name in pair): why for pair, why in own.items()}
     assert len(own) == 35
-    assert excluded(relative(arm, other)) == {**own, **others}
+    assert excluded_pairs(relative(arm, other)) == {**own, **others}
     kept = iq.limits.Clearance(relative(arm, other)).pairs
     assert ("other/panda_link5", "panda_link7") in kept  # one arm lets its own fifth link touch its own seventh
 
 
-def test_two_arms_follow_each_other_by_one_controller():
+def test_one_controller_tracks_the_relative_pose_of_two_arms():
     arm, other = two_arms()
-    seen = relative(arm, other)
+    both_arms = relative(arm, other)
     p, q = ready("panda"), np.array([0.3, -0.2, 0.1, -2.0, 0.2, 1.9, 0.5])
     joints = np.concatenate((p[::-1], q))
-    controller = iq.Controller(seen, dt=0.01)
-    wanted = seen.pose(joints) @ iq.exp([0.1, 0, 0, 0.05, 0, 0.1])
+    controller = iq.Controller(both_arms, dt=0.01)
+    wanted = both_arms.pose(joints) @ iq.exp([0.1, 0, 0, 0.05, 0, 0.1])
     for _ in range(300):
         joints = joints + 0.01 * controller.step(joints, wanted).velocity
     apart = np.linalg.inv(other.pose(joints[6::-1])) @ arm.pose(joints[7:])
@@ -100,12 +93,12 @@ def test_two_arms_follow_each_other_by_one_controller():
     assert np.abs(joints[:7] - p[::-1]).max() > 0.01  # both arms take their part
 
 
-def test_what_is_seen_may_be_seen_from_elsewhere_again():
+def test_a_relative_chain_may_be_relative_again():
     arm, other = two_arms()
-    seen = relative(relative(arm, other), other)
-    assert len(set(seen.names)) == 21
+    both_arms = relative(relative(arm, other), other)
+    assert len(set(both_arms.names)) == 21
 
 
-def test_names_that_both_have_are_refused():
+def test_two_joints_of_one_name_are_refused():
     with pytest.raises(iq.BadInput, match="panda_joint1"):
         stand_on(iq.load_robot("panda"), iq.load_robot("panda"))

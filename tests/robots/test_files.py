@@ -51,6 +51,14 @@ HANDS = {
         "Ll5",
         7,
     ),
+    "two arms on a torso of three joints": (
+        serial(
+            3,
+            *((f"{s}{i}", "l3" if i == 0 else f"{s}l{i - 1}", f"{s}l{i}", "revolute") for s in "LR" for i in range(6)),
+        ),
+        "Ll5",
+        9,
+    ),
     "a finger alone": (urdf(*((f"finger{i}", f"l{i}", f"l{i + 1}", "revolute") for i in range(3))), "l3", 3),
 }
 
@@ -61,7 +69,7 @@ def test_the_usual_tool_is_the_last_link_before_a_hand(case):
     robot = iq.load_robot(text)
     assert (robot.tool, len(robot.names)) == (tool, joints)
     others = [note for note in robot.notes if "chains as long" in note]
-    assert bool(others) == (case == "two arms on a torso")
+    assert bool(others) == case.startswith("two arms")
     left_out = [note for note in robot.notes if "left out" in note]
     assert bool(left_out) == (case in ("two fingers on a fixed palm", "a jaw", "fingers of three joints"))
 
@@ -69,7 +77,7 @@ def test_the_usual_tool_is_the_last_link_before_a_hand(case):
 @pytest.mark.parametrize(
     ("name", "tool"), [("panda", "panda_hand"), ("so101", "gripper_link"), ("tiago", "hand_palm_link")]
 )
-def test_files_of_arms_with_hands(name, tool):
+def test_the_usual_tool_of_arms_with_hands(name, tool):
     assert iq.load_robot(urdf_of(name)).tool == tool
 
 
@@ -83,7 +91,7 @@ def test_an_undeclared_prefix_is_read():
 XACRO = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:include filename="a.xacro"/></robot>'
 
 
-def test_a_xacro_file_is_named_with_its_command(tmp_path):
+def test_a_xacro_file_is_refused_with_the_command_that_expands_it(tmp_path):
     file = tmp_path / "arm.urdf.xacro"
     for text in (XACRO, serial(2).replace("0 0 0.2", "0 0 ${length}")):
         file.write_text(text)
@@ -93,7 +101,7 @@ def test_a_xacro_file_is_named_with_its_command(tmp_path):
     assert len(iq.load_robot(expanded).names) == 2
 
 
-def test_a_part_of_an_mjcf_names_the_files_that_include_it(tmp_path):
+def test_a_part_of_an_mjcf_is_refused_with_the_files_that_include_it(tmp_path):
     part, scene = tmp_path / "arm" / "part.xml", tmp_path / "scene.xml"
     part.parent.mkdir()
     part.write_text("<mujocoinclude><body><joint axis='0 0 1'/></body></mujocoinclude>")
@@ -109,7 +117,7 @@ def test_a_part_of_an_mjcf_names_the_files_that_include_it(tmp_path):
 
 
 @pytest.mark.parametrize("limit", ['lower="0" upper="0"', "", 'lower="0.3" upper="0.3"'])
-def test_joints_that_cannot_move_are_named_when_the_file_is_loaded(limit):
+def test_joints_with_equal_limits_give_a_warning(limit):
     text = serial(3).replace('lower="-1" upper="1"', limit, 1)
     with pytest.warns(UserWarning, match=r"j1 cannot move.*with_limits.*joints=\[\.\.\.\]"):
         iq.load_robot(text)

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
+from support.arms import numerical_twists
 
 import invariantqp as iq
 
@@ -30,14 +31,8 @@ def arm_text(rng, mimics):
     return text + "</robot>"
 
 
-def numeric(robot, q, eps=1e-6):
-    """(6, m) joint twists by differences."""
-    steps = eps * np.eye(len(q))
-    return np.array([iq.log(robot.pose(q + e) @ iq.inverse(robot.pose(q - e))) / (2.0 * eps) for e in steps]).T
-
-
 @pytest.mark.parametrize("seed", range(6))
-def test_poses_and_twists_are_pinocchios(seed):
+def test_poses_and_twists_agree_with_pinocchio(seed):
     rng = np.random.default_rng(seed)
     mimics = {"j2": ("j0", -1.0, 0.0), "j4": ("j3", 0.5, 0.2), "j6": ("j0", rng.uniform(-2.0, 2.0), -0.1)}
     text = arm_text(rng, mimics)
@@ -49,7 +44,7 @@ def test_poses_and_twists_are_pinocchios(seed):
         pin.framesForwardKinematics(model, data, q)
         there = data.oMf[model.getFrameId("l8")].homogeneous
         np.testing.assert_allclose(robot.pose(q), there, atol=1e-13)
-        np.testing.assert_allclose(robot.jacobian(q), numeric(robot, q), atol=1e-7)
+        np.testing.assert_allclose(robot.jacobian(q), numerical_twists(robot, q), atol=1e-7)
     of_model = iq.load_robot(model, "l8", velocity_limit=1.0)
     assert of_model.names == robot.names
     np.testing.assert_allclose(of_model.pose(q), robot.pose(q), atol=1e-13)
@@ -59,7 +54,7 @@ def test_poses_and_twists_are_pinocchios(seed):
     ]
 
 
-def test_limits_leave_followers_inside_theirs():
+def test_limits_keep_mimic_joints_inside_theirs():
     rng = np.random.default_rng(0)
     robot = iq.load_robot(arm_text(rng, {"j2": ("j0", -2.0, 0.5), "j4": ("j3", 0.5, 0.2)}))
     # -2 <= -2 q + 0.5 <= 2.5, at 3 / 2; and of j3 its own.
@@ -71,14 +66,14 @@ def test_limits_leave_followers_inside_theirs():
     assert faster.velocity_limit[-1] == pytest.approx(0.2)
 
 
-def test_a_follower_of_a_follower_follows_its_driver():
+def test_a_mimic_joint_of_a_mimic_joint_follows_the_first_driver():
     one = iq.load_robot(arm_text(np.random.default_rng(1), {"j2": ("j0", -1.5, 0.1), "j4": ("j2", 0.5, 0.2)}))
     two = iq.load_robot(arm_text(np.random.default_rng(1), {"j2": ("j0", -1.5, 0.1), "j4": ("j0", -0.75, 0.25)}))
     q = np.linspace(-0.5, 0.5, 6)
     np.testing.assert_allclose(one.pose(q), two.pose(q), atol=1e-14)
 
 
-def test_held_with_its_driver_it_stands_where_that_puts_it():
+def test_a_mimic_joint_is_held_where_its_held_driver_puts_it():
     text = arm_text(np.random.default_rng(2), {"j4": ("j3", 0.5, 0.2)})
     whole = iq.load_robot(text)
     held = iq.load_robot(text, joints=[name for name in whole.names if name != "j3"])
@@ -130,14 +125,14 @@ def test_a_parallelogram_keeps_the_hand_level_and_is_driven(palletizer):
     )
 
 
-def test_it_is_a_value_and_stands_on_a_rail(palletizer):
+def test_a_chain_with_mimic_joints_is_pickled_and_stands_on_a_rail(palletizer):
     assert pickle.loads(pickle.dumps(palletizer)) == palletizer
     q = np.array([0.2, 0.4, 0.3, 0.1])
     on_rail = iq.robots.stand_on(iq.robots.rail([0, 1, 0]), palletizer)
     np.testing.assert_allclose(
         on_rail.pose([0.5, *q]), iq.transform(translation=[0, 0.5, 0]) @ palletizer.pose(q), atol=1e-15
     )
-    np.testing.assert_allclose(on_rail.jacobian([0.5, *q]), numeric(on_rail, np.array([0.5, *q])), atol=1e-8)
+    np.testing.assert_allclose(on_rail.jacobian([0.5, *q]), numerical_twists(on_rail, np.array([0.5, *q])), atol=1e-8)
     offset = iq.exp([0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
     np.testing.assert_allclose(palletizer.with_tool(offset).pose(q), palletizer.pose(q) @ offset, atol=1e-15)
     assert palletizer.with_limits(velocity_limit=0.1).jacobian(q) == pytest.approx(palletizer.jacobian(q))
@@ -145,7 +140,7 @@ def test_it_is_a_value_and_stands_on_a_rail(palletizer):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_one_arm_as_seen_from_another(seed):
+def test_the_relative_chain_of_two_arms_with_mimic_joints(seed):
     rng = np.random.default_rng(seed)
     arm = iq.load_robot(arm_text(rng, {"j2": ("j0", -1.5, 0.1), "j4": ("j7", 0.5, 0.2)}))
     other = iq.load_robot(arm_text(rng, {"j1": ("j6", 2.0, 0.0), "j5": ("j3", -0.7, -0.1)}))
@@ -154,7 +149,7 @@ def test_one_arm_as_seen_from_another(seed):
         q, p = rng.uniform(-0.8, 0.8, (2, 6))
         at, back = np.append(p[::-1], q), iq.inverse(other.pose(p))
         np.testing.assert_allclose(both.pose(at), back @ arm.pose(q), atol=1e-12)
-        np.testing.assert_allclose(both.jacobian(at), numeric(both, at), atol=1e-7)
+        np.testing.assert_allclose(both.jacobian(at), numerical_twists(both, at), atol=1e-7)
         origins = np.vstack((other.origins(p)[::-1], arm.origins(q)))
         hinges = both.joints.screws[:3, list(both.joints.drivers)].any(axis=0)  # a slide carries its origin
         np.testing.assert_allclose(both.origins(at)[hinges], origins[hinges] @ back[:3, :3].T + back[:3, 3], atol=1e-12)
@@ -195,7 +190,7 @@ def test_notes_of_a_pinocchio_model_are_those_of_its_file():
     )
 
 
-def test_what_cannot_be_is_said(palletizer):
+def test_unsupported_mimic_joints_are_refused(palletizer):
     with pytest.raises(iq.BadInput, match="share a coordinate"):
         _ = palletizer.model
     free = arm_text(np.random.default_rng(3), {"j2": ("j0", 1.0, 0.0)})
@@ -216,7 +211,7 @@ limited="true"/><geom size=".05"/></body></body></body></worldbody><equality>
 <joint joint1="z" joint2="x" polycoef="0.1 -0.5 {} 0 0"/></equality></mujoco>"""
 
 
-def test_couplings_of_mujoco():
+def test_joint_equalities_of_mujoco_are_mimic_joints():
     robot = iq.load_robot(MJCF.format(0), "c", velocity_limit=1.0)
     model = mujoco.MjModel.from_xml_string(MJCF.format(0))
     data = mujoco.MjData(model)
@@ -225,6 +220,6 @@ def test_couplings_of_mujoco():
         data.qpos[:] = x, y, -0.1 + 0.1 - 0.5 * (x - 0.2)
         mujoco.mj_kinematics(model, data)
         np.testing.assert_allclose(robot.pose([x, y])[:3, 3], data.body("c").xpos, atol=1e-14)
-        np.testing.assert_allclose(robot.jacobian([x, y]), numeric(robot, np.array([x, y])), atol=1e-8)
+        np.testing.assert_allclose(robot.jacobian([x, y]), numerical_twists(robot, np.array([x, y])), atol=1e-8)
     with pytest.raises(iq.errors.RobotModelError, match="'z' is coupled to 'x' by a polynomial that is no line"):
         iq.load_robot(MJCF.format(0.3), "c")

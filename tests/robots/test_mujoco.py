@@ -20,7 +20,7 @@ JOINTS = ["rail", "swing", "turn"]
 
 @pytest.mark.parametrize("tool", ["tip", "hand"])
 @pytest.mark.parametrize("given", ["text", "file", "model"])
-def test_an_arm_of_a_model_moves_as_mujoco_says(tmp_path, tool, given):
+def test_an_arm_of_a_model_agrees_with_mujoco(tmp_path, tool, given):
     model = mujoco.MjModel.from_xml_string(MJCF)
     file = tmp_path / "arm.xml"
     file.write_text(MJCF, encoding="utf-8")
@@ -57,7 +57,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_what_is_refused(case):
+def test_an_invalid_arm_is_refused_with_the_reason(case):
     source, tool, joints, said = REFUSED[case]
     with pytest.raises(iq.InvariantQPError, match=said):
         iq.load_robot(source, tool, joints)
@@ -78,7 +78,7 @@ def test_bodies_without_names():
     np.testing.assert_allclose(arm.pose(np.zeros(2))[:3, 3], [0.4, 0.0, 0.0])
 
 
-def test_joints_without_speeds_are_told_once_by_name():
+def test_joints_without_velocity_limits_give_one_warning():
     with pytest.warns(UserWarning, match=r"no velocity limit for rail, swing, turn: .*velocity_limit=\[") as told:
         arm = iq.load_robot(MJCF, "tip", JOINTS)
     assert len(told) == 1

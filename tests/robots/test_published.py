@@ -39,14 +39,14 @@ def states(name):
 
 
 @pytest.mark.parametrize("name", DH)
-def test_poses_are_those_of_the_makers_parameters(name):
+def test_poses_agree_with_the_makers_dh_parameters(name):
     arm = iq.load_robot(name)
     for q in states(name):
         T = np.linalg.multi_dot([link(angle, *row) for angle, row in zip(q, DH[name], strict=True)])
         np.testing.assert_allclose(arm.pose(q), T, rtol=0.0, atol=1e-12)
 
 
-def test_the_gen3_to_the_rounding_of_its_user_guide():
+def test_the_gen3_agrees_with_its_user_guide():
     arm = iq.load_robot("gen3")
     for q in states("gen3"):
         T = iq.exp([np.pi, 0, 0, 0, 0, 0])
@@ -75,7 +75,7 @@ def test_a_lite_6_at_zero_stands_in_a_plane_and_points_down():
 def test_a_published_arm_needs_no_file(name, monkeypatch):
     from invariantqp.robots import load
 
-    monkeypatch.setattr(load, "_data_folder", None)
+    monkeypatch.setattr(load, "_example_data_folder", None)
     arm = iq.load_robot(name)
     part = iq.load_robot(name, joints=arm.names[:3], offset=iq.transform(translation=(0, 0, 0.1)))
     assert (part.names, part.tool) == (arm.names[:3], "tool0+offset")

@@ -30,20 +30,20 @@ def arm():
     return iq.load_robot("ur5")
 
 
-def look(robot, q, target):
-    seen = robot.sight(q, target)
-    here, there = robot.points(seen, target, np.array([0.0, 0.0, 0.1]))
-    return seen.J, seen.error, robot.pose(q), robot.jacobian(q), robot.origins(q), here, there
+def kinematics_of(robot, q, target):
+    state = robot.state(q, target)
+    here, there = robot.points(state, target, np.array([0.0, 0.0, 0.1]))
+    return state.J, state.error, robot.pose(q), robot.jacobian(q), robot.origins(q), here, there
 
 
 def test_six_threads_share_a_robot(arm, impatient):
     robot, rng = arm, np.random.default_rng(0)
     states = [(q, robot.target(robot.pose(q + 0.1))) for q in rng.uniform(-2.0, 2.0, size=(TICKS // THREADS, 6))]
-    alone = [look(robot, *state) for state in states]
+    alone = [kinematics_of(robot, *state) for state in states]
 
     def ticks(first):
         order = (np.arange(TICKS) * 7 + first) % len(states)
-        return sum(not all(map(np.array_equal, look(robot, *states[i]), alone[i])) for i in order)
+        return sum(not all(map(np.array_equal, kinematics_of(robot, *states[i]), alone[i])) for i in order)
 
     with ThreadPoolExecutor(THREADS) as pool:
         wrong = list(pool.map(ticks, range(THREADS)))
@@ -85,11 +85,11 @@ def test_robots_are_copied_and_pickled(arm, way):
     assert repr(again) == repr(robot)
     assert again != arm
     assert not again.velocity_limit.flags.writeable
-    for a, b in zip(look(again, q, np.eye(4)), look(robot, q, np.eye(4)), strict=True):
+    for a, b in zip(kinematics_of(again, q, np.eye(4)), kinematics_of(robot, q, np.eye(4)), strict=True):
         np.testing.assert_array_equal(a, b)
 
 
-def test_robots_cross_a_process_pool(arm):
+def test_robots_are_sent_to_other_processes(arm):
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         assert pool.submit(give, arm).result(60.0) == arm
 

@@ -1,4 +1,4 @@
-"""Arms by name where they usually work, and arms of every kind as joint twists, wherever an adversary puts the axes."""
+"""The arms of the tests: by name at a start away from limits, and random ones of every kind as joint twists."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import invariantqp as iq
 from support.random_systems import motion
 
-# Joint positions away from limits and singularities, the tool down [rad].
+# Joint positions away from limits and singularities, with the tool down where six joints or more allow it [rad].
 READY = {
     "panda": (0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8),
     "ur5": (0.0, -1.4, 1.6, -1.8, -1.57, 0.0),
@@ -22,8 +22,14 @@ Z = np.array((0.0, 0.0, 1.0))
 
 
 def ready(name):
-    """(m,) where the arm of this name is ready to work."""
+    """(m,) the start of the arm of this name."""
     return np.array(READY[name])
+
+
+def numerical_twists(robot, q, step=1e-6):
+    """(6, m) joint twists from poses alone: log(T(q + d) T(q - d)^-1) / 2d."""
+    steps = step * np.eye(len(q))
+    return np.array([iq.log(robot.pose(q + d) @ iq.inverse(robot.pose(q - d))) for d in steps]).T / (2.0 * step)
 
 
 class Arm(NamedTuple):
@@ -33,17 +39,17 @@ class Arm(NamedTuple):
     slides: np.ndarray
     point: np.ndarray
 
-    def seen_from(self, T):
+    def in_frame(self, T):
         """The same arm in another frame."""
         return Arm(iq.adjoint(T) @ self.J, self.slides, T[:3, :3] @ self.point + T[:3, 3])
 
     def in_units(self, unit):
-        """The same arm with lengths in another unit, `unit` of them to one of the old; slides move in it, too."""
+        """The same arm with lengths in another unit, `unit` of them in one of the old; slides too."""
         lengths = np.repeat((1.0, unit), 3)
         return Arm(lengths[:, None] * self.J / self.joints_in(unit), self.slides, unit * self.point)
 
     def joints_in(self, unit):
-        """(m,) what takes joint velocities to the new unit."""
+        """(m,) factors from joint velocities to those in the new unit."""
         return np.where(self.slides, unit, 1.0)
 
 
@@ -70,4 +76,4 @@ def arm(rng, kind, m):
     columns = [
         iq.se3.prismatic(u) if slide else iq.revolute(u, p) for u, p, slide in zip(axes, points, slides, strict=True)
     ]
-    return Arm(np.column_stack(columns), slides, rng.uniform(-1.0, 1.0, size=3)).seen_from(motion(rng, 1.0))
+    return Arm(np.column_stack(columns), slides, rng.uniform(-1.0, 1.0, size=3)).in_frame(motion(rng, 1.0))

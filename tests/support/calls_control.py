@@ -170,7 +170,7 @@ CONTROL = {
             "velocity": Q,
             "at": "base",
             "rows": None,
-            "sighting": None,
+            "robot_state": None,
             "measured_at": POINT,
             "posture": Q,
             **NOW,
@@ -180,8 +180,8 @@ CONTROL = {
         iq.limits.PinkLimit,
         {"limit": SimpleNamespace(compute_qp_inequalities=lambda *_: None), "collision_model": None},
     ),
-    "Controller.rest": lambda: (controller().rest, {"q": Q, "reason": "why", "velocity": Q, "sighting": None}),
-    "Controller.checked_positions": lambda: (controller().checked_positions, {"q": Q, "argument": "q"}),
+    "Controller.rest": lambda: (controller().rest, {"q": Q, "reason": "why", "velocity": Q, "robot_state": None}),
+    "Controller.believed": lambda: (controller().believed, {"q": Q, "argument": "q"}),
     "PathFollower": lambda: (
         iq.PathFollower,
         {"loop": controller(), "path": [T, T @ iq.exp(TWIST)]}

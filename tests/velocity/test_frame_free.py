@@ -19,7 +19,7 @@ def options_in(here, T, unit, told):
     lengths = np.repeat((1.0, unit), 3)
     joints = here.joints_in(unit)
     point = unit * (T[:3, :3] @ told["at"] + T[:3, 3])
-    seen = here.seen_from(T).in_units(unit)
+    seen = here.in_frame(T).in_units(unit)
     options = {"bounds": told["bounds"] and (told["bounds"][0] * joints, told["bounds"][1] * joints)}
     options["posture"] = told["posture"] * joints
     if told["named"]:
@@ -152,7 +152,7 @@ def test_the_speed_limit_of_a_point_moves_with_the_frame():
         here = arm(rng, "general", m)
         s, p, T = rng.normal(size=6), rng.normal(size=3), motion(rng, 1.0)
         limit, bounds = rng.uniform(0.05, 0.5), (-rng.uniform(0.05, 1.0, m), rng.uniform(0.05, 1.0, m))
-        there = here.seen_from(T)
+        there = here.in_frame(T)
         x, y = (
             iq.solve_velocity(J, t, tool_speed=iq.limits.ToolSpeed(limit, q), bounds=bounds, point=q)
             for J, t, q in ((here.J, s, p), (there.J, iq.adjoint(T) @ s, T[:3, :3] @ p + T[:3, 3]))

@@ -226,9 +226,9 @@ def _path_lines(along: PathTrace, figures: dict[str, Any]) -> Iterator[str]:
     end = "arrived" if along.status == "done" else "stopped"
     yield (
         f"path: {end} {figures['path_lag']:.3g} s late; speed along it {figures['path_speed']['median']:.2g} of its "
-        f"timing's in the median, {along.driven.min():.2g} to {along.driven.max():.2g}"
+        f"timing's in the median, {along.moving_speed.min():.2g} to {along.moving_speed.max():.2g}"
     )
-    slowed = ", ".join(f"{name} {percent(share)}" for name, share in along.slowed.items())
+    slowed = ", ".join(f"{name} {percent(share)}" for name, share in along.slowdowns.items())
     yield f"slowed down by: {slowed or 'nothing'}"
 
 

@@ -115,7 +115,7 @@ def _by_robot(spec: LoopSpec) -> tuple[Callable[[Array, Any], Any], Reader]:
     arm = Chain(spec.screws, spec.home)
 
     def read(q: Array, target: Any, feedforward: Array | None) -> tuple[Array, Array, Array]:
-        state = arm.sight(q, target)
+        state = arm.state(q, target)
         to_tool = se3.adjoint(se3.inverse(state.pose, check=False), check=False)[se3.SWAPPED]
         twist = np.zeros(6) if feedforward is None else to_tool.dot(feedforward)
         return to_tool.dot(state.J), to_tool.dot(state.error), twist

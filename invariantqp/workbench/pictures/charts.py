@@ -76,7 +76,7 @@ def charts_of(trace: Trace, ends: Array) -> list[CurveChart]:
     names, hues = ("position [mm]", "orientation [deg]"), (BLUE, ORANGE)
     charts = [CurveChart(ERROR, names, np.maximum(extremes(errors, ends), NEGLIGIBLE).T, hues, log=True)]
     if trace.clearance is not None:
-        distance, largest = trace.clearance.shown
+        distance, largest = trace.clearance.chart_range
         required = 1e3 * trace.clearance.required
         least = 1e3 * np.array([distance[a : b + 1].min() for a, b in ticks_of(ends)])
         span = (min(0.0, float(least.min())), 1e3 * largest)

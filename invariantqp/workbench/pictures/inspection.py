@@ -13,7 +13,7 @@ from invariantqp.errors import BadInput, written
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.distance import CollisionObject, corners
 from invariantqp.geometry.shapes import Core
-from invariantqp.robots.bodies import SIDES
+from invariantqp.robots.bodies import PRISM_SIDES
 from invariantqp.robots.kinematics import Robot, joint_ranges
 from invariantqp.workbench.analysis.inspection import Inspection
 from invariantqp.workbench.analysis.recommendation import MULTIPLES
@@ -133,7 +133,7 @@ def bodies_picture(clearance: Clearance, q: ArrayLike, path: Path | str) -> Path
 
 def _outline(placed: CollisionObject, plane: list[int]) -> Array:
     """(n, 2) corners of a shape's projection onto a plane of two axes."""
-    angles = np.linspace(0.0, 2.0 * np.pi, SIDES, endpoint=False)
+    angles = np.linspace(0.0, 2.0 * np.pi, PRISM_SIDES, endpoint=False)
     if placed.mesh is not None:
         flat = (
             placed.mesh.display_triangles().reshape(-1, 3).dot(placed.pose[:3, :3].T)[:, plane] + placed.pose[plane, 3]

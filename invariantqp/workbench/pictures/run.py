@@ -113,14 +113,14 @@ def _progress(axes: Axes, time: Array, along: PathTrace) -> None:
     """Speed along the path over that of its timing, shaded in the colour of the limit that determines it."""
     inside = axes.get_xaxis_transform()
     ruling = np.array(along.ruling)
-    for name, colour in zip(along.slowed, cycle(COLOURS[1:]), strict=False):
+    for name, colour in zip(along.slowdowns, cycle(COLOURS[1:]), strict=False):
         axes.fill_between(
             time, 0, 1, where=ruling == name, transform=inside, color=colour, alpha=0.3, lw=0, step="pre", label=name
         )
     axes.plot(time, along.speed, color=COLOURS[0])
     axes.axhline(1.0, color=RULE, linestyle="--")
     axes.set_ylabel("path speed / timing")
-    if along.slowed:
+    if along.slowdowns:
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
@@ -128,7 +128,7 @@ def _curve(axes: Axes, trace: Trace, contact: ContactTrace) -> None:
     across = np.stack(se3.perpendicular_axes(contact.normal))
     first = trace.counted_from
     desired = 1e3 * (contact.desired[first:] - contact.desired[0]).dot(across.T)
-    actual = 1e3 * (contact.drawn[first:] - contact.desired[0]).dot(across.T)
+    actual = 1e3 * (contact.position[first:] - contact.desired[0]).dot(across.T)
     axes.plot(*desired.T, color=SHADE, linewidth=5.0, alpha=0.5, solid_capstyle="round", label="wanted")
     axes.plot(*actual.T, color=VERMILION, label="drawn")
     axes.plot(*actual[-1], color=VERMILION, marker="o")

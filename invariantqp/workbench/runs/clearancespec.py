@@ -1,4 +1,4 @@
-"""The [[obstacle]] and [clearance] tables of a task file: what is around the arm, and how far it keeps from that."""
+"""The [[obstacle]] and [clearance] tables of a task file, and the obstacles and clearance of a run."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from invariantqp.control.clearance import Clearance
     from invariantqp.control.clearance_bodies import OtherArm
 
-# What each kind of obstacle must have besides its place, and what it may have.
-KEYS = {
+# Required and optional keys of each kind of obstacle.
+OBSTACLE_KEYS = {
     "sphere": (("radius",), ("moves",)),
     "capsule": (("radius", "to"), ("moves",)),
     "box": (("size",), ("turn", "moves")),
@@ -43,9 +43,9 @@ class ObstacleSpec(Section):
     """One [[obstacle]]: a sphere, capsule, box, mesh, half-space, or another arm."""
 
     kind: Literal["sphere", "capsule", "box", "mesh", "half-space", "arm"] = Field(
-        description="what it is", examples=["box"]
+        description="kind of obstacle", examples=["box"]
     )
-    name: str = Field("", description="what reasons call it", examples=["shelf"])
+    name: str = Field("", description="its name in reasons", examples=["shelf"])
     at: Vector3 = Field(
         (0.0, 0.0, 0.0),
         description="its middle, one end of a capsule's axis, a point of a half-space's plane, the base of an arm, the "
@@ -62,20 +62,24 @@ class ObstacleSpec(Section):
     to: Vector3 | None = Field(None, description="the other end of a capsule's axis [m]", examples=[[0.5, 0.3, 0.4]])
     normal: Direction = Field((0.0, 0.0, 1.0), description="out of a half-space", examples=[[0.0, 0.0, 1.0]])
     moves: Vector3 = Field(
-        (0.0, 0.0, 0.0), description="how far it goes and comes back, again and again [m]", examples=[[0.0, 0.3, 0.0]]
+        (0.0, 0.0, 0.0),
+        description="displacement to the other end of its motion there and back [m]",
+        examples=[[0.0, 0.3, 0.0]],
     )
     source: str | None = Field(
         None, description="an arm's name or URDF; a mesh's file, beside this one or by its path", examples=["ur5"]
     )
     scale: Positive = Field(1.0, description="of a mesh: 0.001 for a file in millimetres", examples=[0.001])
-    hull: bool = Field(False, description="take a mesh for its convex hull, which is solid", examples=[True])
+    hull: bool = Field(False, description="use the convex hull of a mesh, which is solid", examples=[True])
     start: list[Number] | None = Field(None, description="an arm's joint positions [rad, m]", examples=[[0.0, -1.2]])
-    end: list[Number] | None = Field(None, description="where its joints go and come back from", examples=[[1.0, -1.2]])
-    period: Positive = Field(4.0, description="of what moves [s]", examples=[4.0])
+    end: list[Number] | None = Field(
+        None, description="joint positions at the other end of their motion there and back", examples=[[1.0, -1.2]]
+    )
+    period: Positive = Field(4.0, description="of that motion [s]", examples=[4.0])
 
     @model_validator(mode="after")
     def _is_whole(self) -> ObstacleSpec:
-        one, (needs, may) = f"{'a' if self.kind[0] != 'a' else 'an'} {self.kind}", KEYS[self.kind]
+        one, (needs, may) = f"{'a' if self.kind[0] != 'a' else 'an'} {self.kind}", OBSTACLE_KEYS[self.kind]
         missing = [key for key in needs if getattr(self, key) is None]
         if missing:
             raise ValueError(f"{one} needs {' and '.join(missing)}")
@@ -87,7 +91,7 @@ class ObstacleSpec(Section):
         return self
 
     def progress(self, t: float) -> tuple[float, float]:
-        """How far out it is at t [s], from 0 to 1, and how fast [1/s]."""
+        """The progress between its ends at t [s], from 0 to 1, and its rate [1/s]."""
         rate = 2.0 * pi / self.period
         return 0.5 * (1.0 - cos(rate * t)), 0.5 * rate * sin(rate * t)
 
@@ -95,8 +99,10 @@ class ObstacleSpec(Section):
 class ClearanceSpec(Section):
     """The [clearance] table: arguments of `limits.Clearance`."""
 
-    distance: NotNegative = Field(0.02, description="what is kept [m]", examples=[0.02])
-    exclude: list[tuple[str, str]] = Field([], description="pairs that may touch", examples=[[["tool", "table"]]])
+    distance: NotNegative = Field(0.02, description="least distance that is kept [m]", examples=[0.02])
+    exclude: list[tuple[str, str]] = Field(
+        [], description="pairs without a least distance", examples=[[["tool", "table"]]]
+    )
     body: list[BodySpec] | None = Field(
         None,
         description="capsules of the links; left out: fitted to the collision geometry of the robot's description",
@@ -104,17 +110,17 @@ class ClearanceSpec(Section):
     )
 
 
-class Around:
-    """What is around an arm in a run, and the clearance from it."""
+class ObstacleScene:
+    """The obstacles of a run, and the clearance that the arm keeps from them."""
 
     def __init__(
-        self, robot: Any, clearance: ClearanceSpec, obstacles: list[ObstacleSpec], looked_up: Callable[[str], Any]
+        self, robot: Any, clearance: ClearanceSpec, obstacles: list[ObstacleSpec], resolve_source: Callable[[str], Any]
     ) -> None:
-        """Around a robot, by a task's tables; `looked_up` looks a robot's source up."""
+        """ObstacleScene a robot, by a task's tables; `resolve_source` looks a robot's source up."""
         from invariantqp.control.clearance import Clearance
 
         self._specs = obstacles
-        self.obstacles: list[Shape | OtherArm] = [_obstacle(spec, looked_up) for spec in obstacles]
+        self.obstacles: list[Shape | OtherArm] = [_obstacle(spec, resolve_source) for spec in obstacles]
         for i, (spec, obstacle) in enumerate(zip(obstacles, self.obstacles, strict=True)):
             if not isinstance(obstacle, Shape):
                 for key in ("start",) if spec.end is None else ("start", "end"):
@@ -129,34 +135,36 @@ class Around:
         self.clearance: Clearance = Clearance(robot, bodies, self.obstacles, distance, exclude=exclude)
 
     def move(self, t: float) -> None:
-        """Everything to where it is at t [s]."""
+        """Move all obstacles to their poses at t [s]."""
         for spec, obstacle in zip(self._specs, self.obstacles, strict=True):
             progress, rate = spec.progress(t)
             if not isinstance(obstacle, Shape):
                 start = np.array(spec.start)
-                way = np.zeros(len(start)) if spec.end is None else np.array(spec.end) - start
-                obstacle.move(start + progress * way, rate * way)
+                stroke = np.zeros(len(start)) if spec.end is None else np.array(spec.end) - start
+                obstacle.move(start + progress * stroke, rate * stroke)
             elif any(spec.moves):
-                way = np.array(spec.moves)
-                obstacle.move(se3.transform(translation=progress * way), np.concatenate((np.zeros(3), rate * way)))
+                stroke = np.array(spec.moves)
+                obstacle.move(
+                    se3.transform(translation=progress * stroke), np.concatenate((np.zeros(3), rate * stroke))
+                )
 
     @property
-    def moving(self) -> bool:
-        """Whether anything of it moves."""
+    def is_moving(self) -> bool:
+        """Whether any obstacle moves."""
         return any(spec.end is not None or any(spec.moves) for spec in self._specs)
 
 
-def _obstacle(spec: ObstacleSpec, looked_up: Callable[[str], Any]) -> Shape | OtherArm:
-    from invariantqp.control.clearance_bodies import OtherArm  # only where a task asks for it
+def _obstacle(spec: ObstacleSpec, resolve_source: Callable[[str], Any]) -> Shape | OtherArm:
+    from invariantqp.control.clearance_bodies import OtherArm  # loaded only where there are obstacles
 
     at: Array = np.array(spec.at)
     place = se3.transform(se3.rotation(np.array(spec.turn)), at)
     if spec.kind == "arm":
-        return OtherArm(load_robot(looked_up(str(spec.source)), base=place), name=spec.name or "other")
+        return OtherArm(load_robot(resolve_source(str(spec.source)), base=place), name=spec.name or "other")
     if spec.kind == "mesh":
         from invariantqp.geometry.coal import Mesh  # coal is loaded where there is a mesh
 
-        return Mesh(looked_up(str(spec.source)), place, scale=spec.scale, hull=spec.hull, name=spec.name)
+        return Mesh(resolve_source(str(spec.source)), place, scale=spec.scale, hull=spec.hull, name=spec.name)
     if spec.kind == "sphere":
         return Sphere(at, spec.radius or 0.0, name=spec.name)
     if spec.kind == "capsule":

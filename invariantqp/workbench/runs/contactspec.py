@@ -1,9 +1,7 @@
-"""The tables of a task file about contact: [contact] what is touched, [force] how to press, [sensor] what measures it.
+"""The tables of a task file about contact: [contact], [force], [sensor], [operator] and [physics].
 
-Lengths are in metres, directions in base axes, and places are relative to where the tool is at the start. The
-controller is given everything in [contact] except `tilt`: how the real surface lies is for force control to find out,
-and with `normal_within` it corrects the normal. [physics] is what a real robot cell adds to geometry; the only place
-where these defaults are written.
+Lengths are in metres, directions along the axes of the base, positions relative to the tool at the start. The
+controller knows all of [contact] except `tilt`, by which the real surface or axis differs.
 """
 
 from __future__ import annotations
@@ -24,12 +22,12 @@ from invariantqp.workbench.runs.section import (
     Vector6,
 )
 
-# How many lengths say how far each kind of contact extends: an edge has a length, a face two sides.
-SIDES = {"point": 0, "edge": 1, "face": 2, "hinge": 2}
+# How many numbers the size of each kind of contact has: an edge one length, a face two sides.
+SIZE_COUNT = {"point": 0, "edge": 1, "face": 2, "hinge": 2}
 
 
 class ContactSpec(Section):
-    """What the tool touches, and with what part of itself."""
+    """The contact of the tool, and the part of the tool that touches."""
 
     kind: Literal["point", "edge", "face", "hinge"] = Field(
         description="the tip of a pen, a straight edge or a flat face on a surface; or a handle on a hinge",
@@ -49,13 +47,13 @@ class ContactSpec(Section):
     gap: Number = Field(0.0, description="distance between tool and surface at the start [m]", examples=[0.003])
     edges: list[Vector3] = Field(
         [],
-        description="of a plane that ends, each the way from the tool at the start to a straight edge and across it "
-        "[m]; nothing is pushed beyond one",
+        description="of a plane that ends, each the vector from the tool at the start to a straight edge, normal to "
+        "it [m]; there is no surface beyond",
         examples=[[[0.08, 0.0, 0.0]]],
     )
     normal_within: Positive | None = Field(
         None,
-        description="by how much the controller may correct the normal by the tool's motion [rad]; left out: not",
+        description="the largest correction of the normal by the tool's motion [rad]; left out: none",
         examples=[0.1],
         le=MAX_TILT,
     )
@@ -64,13 +62,13 @@ class ContactSpec(Section):
     stiffness: Positive = Field(2e4, description="of the contact [N/m]", examples=[2e4])
     yields: Annotated[OpenNumber, Field(ge=0.0)] = Field(
         0.0,
-        description="how far the surface may give way, slope or step down under the tool before readings that do not "
-        "answer are a fault; inf: any way [m]",
+        description="how far the surface may yield, slope or step down under the tool before a sensor without response "
+        "is a fault; inf: without bound [m]",
         examples=[0.01],
     )
     tilt: Vector3 = Field(
         (0.0, 0.0, 0.0),
-        description="rotation vector by which the real surface or axis is off; the controller does not know it [rad]",
+        description="rotation vector of the true surface or axis from the one that the controller knows [rad]",
         examples=[[0.01, 0.0, 0.0]],
     )
     settle: Positive = Field(
@@ -79,7 +77,7 @@ class ContactSpec(Section):
 
     @model_validator(mode="after")
     def _fits_its_kind(self) -> ContactSpec:
-        wanted, given = SIDES[self.kind], 0 if self.size is None else len(self.size)
+        wanted, given = SIZE_COUNT[self.kind], 0 if self.size is None else len(self.size)
         if given != wanted:
             article = "an" if self.kind == "edge" else "a"
             raise ValueError(f"size of {article} {self.kind} has {wanted} number{'s' * (wanted != 1)}, not {given}")
@@ -91,10 +89,10 @@ class ContactSpec(Section):
 
 
 class ForceSpec(Section):
-    """How hard to press, how fast to correct, and what to do when contact is lost or the force is too large.
+    """The desired force, how fast it is corrected, and what to do when contact is lost or the force is too large.
 
-    The complement Z along which force errors are corrected comes from the contact's stiffness, which works for every
-    contact; from a pitch h; or is given as it is.
+    The complement Z, along which force errors are corrected, comes from the contact's stiffness, which works for every
+    contact, or from a pitch h, or is given.
     """
 
     press: Number = Field(description="into the surface; on a hinge, away from its axis [N]", examples=[5.0])
@@ -113,7 +111,7 @@ class ForceSpec(Section):
         None, description="a larger force is an overload [N]; left out: 2.5 times the press", examples=[40.0]
     )
     max_moment: Positive | None = Field(
-        None, description="a larger moment is an overload [N m]; left out: by the force", examples=[4.0]
+        None, description="a larger moment is an overload [N m]; left out: from max_force", examples=[4.0]
     )
     on_overload: Literal["hold", "retreat"] | None = Field(
         None, description="left out: retreat from a contact that can be left", examples=["retreat"]
@@ -122,21 +120,21 @@ class ForceSpec(Section):
         "approach", description="what to do when contact is lost", examples=["hold"]
     )
     edge_margin: NotNegative = Field(
-        0.01, description="an edge of the surface nearer than this is reported [m]", examples=[0.01]
+        0.01, description="distance to an edge of the surface below which it is reported [m]", examples=[0.01]
     )
     approach_speed: Positive = Field(0.02, description="largest speed before contact [m/s]", examples=[0.02])
 
     @model_validator(mode="after")
     def _one_complement(self) -> ForceSpec:
         if self.h is not None and self.complement is not None:
-            raise ValueError("h and complement both say what Z is; give one of them")
+            raise ValueError("h and complement both define Z; give one of them")
         return self
 
 
 class SensorSpec(Section):
-    """The force sensor: where it is, what hangs on it, and how its readings are cleaned."""
+    """The force sensor: its pose, the mass beyond it, and the filter and deadbands of its readings."""
 
-    mount: Vector3 = Field((0.0, 0.0, 0.0), description="where it is in the tool frame [m]", examples=[[0, 0, -0.1]])
+    mount: Vector3 = Field((0.0, 0.0, 0.0), description="position in the tool frame [m]", examples=[[0, 0, -0.1]])
     mount_turn: Vector3 = Field(
         (0.0, 0.0, 0.0), description="rotation vector of its frame in the tool frame [rad]", examples=[[0, 0, 0.785]]
     )

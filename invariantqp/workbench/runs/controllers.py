@@ -1,7 +1,7 @@
-"""What steers a plant in a run, by the [law] of a task: a controller, given in each tick the measurements and the goal.
+"""The controllers of a run, by the [law] of a task: each tick they get measurements and a goal.
 
-Without contact it follows the path. In contact it moves along S and presses along S*. Together with an operator it
-keeps the tool on a plane while the operator moves it there, s = P1 gain log(T_d T^-1) + P2 s_operator.
+Without contact the controller follows the path; in contact it moves along the freedoms S and presses along the
+constraints. With an operator it keeps the tool on a plane, s = P1 gain log(T_d T^-1) + P2 s_operator.
 """
 
 from __future__ import annotations
@@ -33,22 +33,22 @@ from invariantqp.workbench.runs.prepare import ControlProblem, Goal
 from invariantqp.workbench.runs.taskfile import LawSpec, law_options
 
 MakeController = Callable[[Robot, LawSpec], Controls]
-# Poses by which an elastic path is known: more than a plot could show.
+# The most samples of an elastic path.
 PATH_SAMPLES = 1500
 
 
 def our_controller(robot: Robot, law: LawSpec, limits: Sequence[Limit] = ()) -> Controller:
-    """The velocity controller that a [law] describes, with more limits."""
+    """The velocity controller of a [law], with more limits."""
     return Controller(robot, limits=limits, **law_options(robot, law))
 
 
 class TaskController(ABC):
-    """Steers a plant."""
+    """A controller of a plant in a run."""
 
-    form: Form | None = None  # how its law measures twists; None where it does not say
-    # (6,) the wrench that the tool exerts, as read in the last tick, base frame; zero where none is read
+    form: Form | None = None  # the form of its law; None where it has none
+    # (6,) the wrench that the tool exerts, as measured in the last tick, base frame; zero without a sensor
     wrench: Array = np.zeros(6)
-    done: bool = False  # whether the run may end before its time
+    is_done: bool = False  # whether the run may end before its time
 
     @abstractmethod
     def step(self, measured: Measurement, goal: Goal) -> VelocitySolution:
@@ -68,10 +68,10 @@ class PathController(TaskController):
 
 
 class ElasticPathController(TaskController):
-    """A path follower: it stays on the path, and is late where limits bind."""
+    """A path follower: the tool stays on the path and is late where limits bind."""
 
     def __init__(self, loop: Controller, problem: ControlProblem, q: Array) -> None:
-        """Along the path of a problem, from joint positions q (m,)."""
+        """A follower of the path of a problem, prepared at joint positions q (m,)."""
         n = len(problem.poses)
         samples = np.unique(np.linspace(0, n - 1, min(n, PATH_SAMPLES)).round().astype(int))
         poses = problem.poses[samples]
@@ -85,7 +85,7 @@ class ElasticPathController(TaskController):
         """One tick."""
         solution = self.follower.step(measured.q)
         self.followed.append(solution)
-        self.done = solution.status in ("done", "blocked")
+        self.is_done = solution.status in ("done", "blocked")
         answer = VelocitySolution(solution.velocity, "planned", Status.OK, (), (), np.zeros(6), 1.0, 0.0, 0.0, "")
         return answer if solution.status != "blocked" else degraded(answer, solution.reason)
 
@@ -105,36 +105,35 @@ class ContactController(TaskController):
 
 
 class OperatorController(TaskController):
-    """An operator who moves the tool on a plane, leaving it now and then, and the robot that keeps it there."""
+    """Shared control: an operator moves the tool on a plane and also leaves it; the robot brings it back."""
 
     def __init__(self, loop: Controller, operator: OperatorSpec, point: Array) -> None:
-        """Beside an operator; the robot levels the tool about a point (3,) of its frame [m]."""
+        """The robot levels the tool about a point (3,) of its frame [m]."""
         plane = face_contact((0.0, 0.0, 0.0), operator.normal)
-        lift, tilts = np.eye(6)[:, [5]], np.eye(6)[:, :2]
-        ours = se3.adjoint(plane.pose).dot(np.hstack((lift, tilts)))
+        robot_twists = se3.adjoint(plane.pose).dot(np.eye(6)[:, [5, 0, 1]])  # along the normal, and both tilts
         self._loop = loop
         self.form = loop.form
-        self._shared = SharedTask(ours, plane.freedoms)
-        self._strays = ours.dot([operator.strays, operator.tilts, operator.tilts])
-        self._beats = operator.beats
+        self._shared = SharedTask(robot_twists, plane.freedoms)
+        self._amplitudes = robot_twists.dot([operator.strays, operator.tilts, operator.tilts])
+        self._frequency = operator.beats
         self._point = np.append(point, 1.0)
 
     def step(self, measured: Measurement, goal: Goal) -> VelocitySolution:
         """One tick."""
         robot = self._loop.robot
-        sighting = robot.sight(measured.q, goal.target)
+        state = robot.state(measured.q, goal.target)
         here = se3.transform(None, robot.pose(measured.q).dot(self._point)[:3])
-        astray = se3.adjoint(here).dot(self._strays) * np.sin(2.0 * pi * self._beats * goal.time)
-        s = self._shared.moved(here).twist(tracking_twist(sighting.error, self._loop.gain), goal.feedforward + astray)
+        disturbance = se3.adjoint(here).dot(self._amplitudes) * np.sin(2.0 * pi * self._frequency * goal.time)
+        s = self._shared.moved(here).twist(tracking_twist(state.error, self._loop.gain), goal.feedforward + disturbance)
         return self._loop.follow(measured.q, s, at="base")
 
 
 def controller_for(problem: ControlProblem, controller: MakeController | None = None) -> TaskController:
-    """What steers a plant by a problem; `controller` makes its velocity controller, None is ours."""
+    """The controller of a problem; `controller` makes its velocity controller, None is ours."""
     robot, law = problem.robot, problem.law
     if controller is not None:
         arrays.function(controller, "controller", "a function of robot and law that makes a controller")
-    limits = [] if problem.around is None else [problem.around.clearance]
+    limits = [] if problem.obstacle_scene is None else [problem.obstacle_scene.clearance]
     if problem.contact_task is not None:
         if controller is not None:
             found = "a velocity controller for a task in contact"

@@ -1,14 +1,13 @@
-"""How much a run of our controller changes when frames are chosen differently for the same motion of the same tool.
+"""Frame checks: how much a run changes when other frames describe the same motion of the same tool.
 
     T_tool' = T_tool X,  T_target' = T_target X,  T_sensor' = T_sensor Y,  T_contact' = T_contact Z
 
     change    max |q(t) - q'(t)|
 
-Nothing physical moves, the description alone does; it is made here, outside the run, which knows nothing of it. What
-other methods make of another tool frame, `invariantqp compare` measures. In contact our controller is compared with the
-hybrid controller of textbooks, whose task frame keeps its axes along the surface, as a user would see to.
+Only the description changes, nothing physical. In contact our controller is compared with the hybrid controller of
+textbooks, whose task frame keeps its axes along the surface.
 
-Reference: Raibert & Craig 1981; Lipkin & Duffy 1988 and Duffy 1990 for what is wrong with it.
+Reference: Raibert & Craig 1981; Lipkin & Duffy 1988 and Duffy 1990 for its dependence on frames.
 """
 
 from __future__ import annotations
@@ -34,14 +33,14 @@ from invariantqp.workbench.runs.prepare import ControlProblem, Goal, Setup, prep
 from invariantqp.workbench.runs.run import run
 from invariantqp.workbench.runs.taskfile import Task
 
-# Standard deviation of the random displacement along each axis [m], about the length of a tool.
+# Standard deviation of the random displacement along each axis [m]: about the length of a tool.
 DISPLACEMENT = 0.25
 
 
 def displaced(
     setup: Setup, tool: ArrayLike | None = None, sensor: ArrayLike | None = None, contact: ArrayLike | None = None
 ) -> Setup:
-    """The setup of a run with frames displaced in themselves, (4, 4) or None each; its plant is the new one's too."""
+    """The setup with its frames displaced in themselves by (4, 4) motions, None for none; both setups share a plant."""
     problem, plant = setup.problem, setup.plant
     if tool is not None:
         problem = _with_tool(problem, arrays.pose(tool, "tool"))
@@ -55,7 +54,7 @@ def displaced(
 
 
 def _with_tool(problem: ControlProblem, X: Array) -> ControlProblem:
-    """The problem for a tool frame displaced by X in itself: points, poses, sensor and contact are expressed in it."""
+    """The problem for a tool frame displaced by X in itself."""
     back = se3.inverse(X)
     law = problem.law
     points = {key: back.dot([*getattr(law, key), 1.0])[:3] for key in ("point", "tool_speed_point")}
@@ -71,14 +70,14 @@ def _with_tool(problem: ControlProblem, X: Array) -> ControlProblem:
 
 
 class DisplacedSensor:
-    """A plant whose force sensor's readings are expressed in a frame displaced by Y (4, 4) in the sensor's own."""
+    """A plant whose force readings are expressed in a frame displaced by Y (4, 4) in the sensor's frame."""
 
     def __init__(self, plant: Plant, Y: Array) -> None:
         self._plant = plant
         self._from_sensor = se3.coadjoint(se3.inverse(Y))
 
     def measure(self) -> Measurement:
-        """What the sensors say, the wrench in the displaced frame."""
+        """The measurement, its wrench in the displaced frame."""
         measured = self._plant.measure()
         return measured._replace(wrench=self._from_sensor.dot(measured.wrench))
 
@@ -87,27 +86,26 @@ class DisplacedSensor:
         self._plant.command(velocity)
 
     def state(self) -> PlantState:
-        """How things really are now."""
+        """The true state."""
         return self._plant.state()
 
 
 def random_displacement(seed: int) -> Array:
-    """A random (4, 4) rigid motion: any rotation, and a translation with this standard deviation along each axis."""
+    """A random (4, 4) rigid motion: a uniform rotation, and a normal translation of `DISPLACEMENT`."""
     rng = np.random.default_rng(seed)
     return se3.transform(Rotation.from_quat(rng.standard_normal(4)).as_matrix(), DISPLACEMENT * rng.standard_normal(3))
 
 
 @dataclass(frozen=True)
 class FrameCheck:
-    """What other frames changed for one controller.
+    """The effect of other frames on one controller.
 
     Attributes:
-        law: its name.
+        law: the controller's name.
         change: largest change of a joint position during the run [rad, m].
-        error_mm, displaced_error_mm: largest path error with the frames of the task file, and with displaced ones; in
-            contact after it has settled [mm].
-        force_error, displaced_force_error: rms error of the true force divided by the wanted force, likewise; None
-            without contact.
+        error_mm, displaced_error_mm: largest path error with the task's frames and with displaced ones, after the
+            contact has settled [mm].
+        force_error, displaced_force_error: rms error of the true force over the desired force; None without contact.
     """
 
     law: str
@@ -119,19 +117,17 @@ class FrameCheck:
 
 
 class RaibertCraig(TaskController):
-    """The hybrid controller of textbooks: a diagonal selection matrix says along which axes of a task frame the tool
-    moves.
+    """The hybrid controller of textbooks: a diagonal selection matrix of the axes of a task frame.
 
         xi = Sigma (gain e + s_d) + (I - Sigma) C (W_d - W),     x = clip(J^+ xi)
 
-    All are written in the axes of the task frame, the contact's. e is the error of the tool's position and its rotation
-    vector. W is the sensor's reading, rotated into the axes of the task frame but not moved to its origin, so its
-    moment is still about the origin of the sensor. xi is the velocity of the tool's origin. This is right while tool,
-    sensor and contact have the same origin, as in the figures of textbooks.
+    All in the axes of the task frame, the contact's. e is the error of position and the rotation vector, xi the
+    velocity of the tool's origin. W is the reading rotated into these axes; its moment is still about the sensor's
+    origin, which is right only while tool, sensor and contact share an origin, as in textbooks.
     """
 
     def __init__(self, setup: Setup, tool: Array | None = None) -> None:
-        """For a run in displaced frames, of which it knows the sensor's, and the tool's by its (4, 4) displacement."""
+        """For a run in displaced frames; `tool` is the (4, 4) displacement of the tool frame."""
         problem, scene = setup.problem, setup.scene
         if scene is None or problem.sensor is None:
             raise BadInput("task", "a task without contact", "one with [contact] and [force]")
@@ -147,7 +143,7 @@ class RaibertCraig(TaskController):
 
     def step(self, measured: Measurement, goal: Goal) -> VelocitySolution:
         """One tick."""
-        sighting, T = self._robot.sight(measured.q, goal.target), self._robot.pose(measured.q)
+        state, T = self._robot.state(measured.q, goal.target), self._robot.pose(measured.q)
         exerted = self._sensor.load(measured.wrench, T)
         self.wrench = self._sensor.in_base(exerted, T)
         axes = np.asarray(self._contact_at(T.dot(self._back)).pose)[:3, :3]
@@ -155,21 +151,21 @@ class RaibertCraig(TaskController):
         read = np.concatenate((to_sensor.dot(exerted[:3]), to_sensor.dot(exerted[3:])))
         # Twists about the tool's origin, in the axes of the task frame.
         at_tool = se3.adjoint(se3.inverse(se3.transform(axes, T[:3, 3]), check=False), check=False)
-        s = self._gain * sighting.error + goal.feedforward
+        s = self._gain * state.error + goal.feedforward
         xi = self._selection * at_tool.dot(s) + (1.0 - self._selection) * self._compliance * (self._wanted - read)
-        x: Array = np.linalg.pinv(at_tool.dot(sighting.J)).dot(xi)
+        x: Array = np.linalg.pinv(at_tool.dot(state.J)).dot(xi)
         lower, upper = self._box.at(measured.q)
         clipped = np.minimum(np.maximum(x, lower), upper)
         active = tuple(np.flatnonzero(clipped != x).tolist())
-        residual = s - sighting.J.dot(clipped)
+        residual = s - state.J.dot(clipped)
         return VelocitySolution(clipped, "raibert-craig", Status.OK, "", active, residual, 1.0, 0.0, 0.0, "")
 
 
 def frame_check(task: Task, seed: int = 0, physics: str = "ideal") -> list[FrameCheck]:
-    """Run a task in its own frames and in frames displaced at random, under our controller and, in contact, another.
+    """Run a task in its own frames and in randomly displaced ones: our controller first, in contact another one too.
 
-    `seed` is that of the displacements, `physics` the plant, "ideal" or "mujoco". Ours is the first. Runs of a path
-    with elastic timing may differ in length: the shorter one rests at its end.
+    `seed` is that of the displacements, `physics` the plant, "ideal" or "mujoco". Of two elastic runs of different
+    length the shorter one rests at its end.
     """
     laws: dict[str, Callable[[Setup, Array | None], TaskController]] = {
         "invariantqp": lambda setup, _: controller_for(setup.problem)  # it needs no displacement

@@ -2,10 +2,9 @@
 
 velocity loop: lag v' = u - v,    contact: f_i = (k / n) depth_i + damping,  friction <= mu f_i
 
-The model is made from the URDF through MuJoCo's own reader: the joints between base and tool, with their masses and
-without meshes. Gravity is compensated, as a robot's own controller does; the force sensor still feels what hangs on it.
-What touches are solids: springs of a task file become shapes by `solids_of`; a scene of another kind, such as a peg in
-a hole, gives its own.
+The model is made from the URDF: the joints between base and tool with their masses, without meshes. Gravity is
+compensated, as by a robot's own controller, but the force sensor measures the weight beyond it. Contacts are between
+solids: `solids_of` makes them from the springs of a task; other scenes, such as a peg in a hole, give their own.
 """
 
 from __future__ import annotations
@@ -39,30 +38,29 @@ with optional("sim", "mujoco"):
     import mujoco
 
 # Radius of the tip of a pen and of an edge, thickness of a face [m].
-TIP = 2e-3
-# Half of a side of a table that has an edge elsewhere, and of the thickness of a table [m].
-FAR = 1.0
+TIP_RADIUS = 2e-3
+# Half of the thickness of a table, and of its sides without an edge [m].
+TABLE_HALF = 1.0
 
 SolidKind = Literal["plane", "sphere", "capsule", "cylinder", "box"]
-# MuJoCo's impedance d of a contact. Its spring is solref / ((1 - d) A), A the inverse mass it assumes, and a mass of
-# d / ((1 - d) A) sticks to it. A small d makes a spring; d near 1, as is usual for stiff contact, adds some 30 kg.
+# MuJoCo's impedance d of a contact: a spring solref / ((1 - d) A), A the assumed inverse mass, and an added mass
+# d / ((1 - d) A). A small d makes a spring; d near 1, usual for stiff contact, adds some 30 kg.
 IMPEDANCE = 0.02
-# Damping over stiffness of a contact [s]: wood and rubber, a quarter of MuJoCo's own default. MuJoCo's convex friction
-# lifts a sliding contact by friction x speed x this, 0.3 mm at 0.1 m/s, which the law presses after.
-RELAXATION = 1e-2
-# The most damping [N s/m]: metal rings. From 1e4 on, the engine's step is too long for an arm's tip.
-DAMPING = 500.0
-# The mass of the tool beyond its sensor is a ball of this radius [m].
+# Damping over stiffness of a contact [s]: wood and rubber, a quarter of the default. MuJoCo's convex friction lifts
+# a sliding contact by friction x speed x this: 0.3 mm at 0.1 m/s.
+DAMPING_TIME = 1e-2
+# The most damping of a contact [N s/m]; above 1e4 the simulation step is too long for an arm's tip.
+MAX_DAMPING = 500.0
+# Radius of the ball that is the mass of the tool beyond the sensor [m].
 TOOL_RADIUS = 0.03
-# Mass of a door [kg], and half its width [m]; at least this, and less where the handle is nearer to the axis: a nut.
+# Mass of a door [kg]; the least and the largest half width, the handle's distance from the axis between them [m].
 DOOR_MASS = 5.0
-DOOR_HALF = (0.03, 0.3)
-# Which of MuJoCo's shapes a solid is.
-GEOMS = {kind: getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}") for kind in get_args(SolidKind)}
-# How fast a nut follows its thread [s] and the damping ratio, and how little it gives: it pushes both ways, so that the
-# mass of MuJoCo's stiff constraints does no harm.
-THREAD = {"solref": (2e-3, 1.0), "solimp": (0.999, 0.999, 1e-3, 0.5, 2.0)}
-# Longest step of the engine [s]: contact and velocity loops are ten times slower.
+DOOR_HALF_WIDTH = (0.03, 0.3)
+# MuJoCo's type of each solid.
+GEOM_TYPES = {kind: getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}") for kind in get_args(SolidKind)}
+# A nut on its thread: time constant [s] and damping ratio, and a stiff impedance, whose added mass does no harm here.
+THREAD_CONSTRAINT = {"solref": (2e-3, 1.0), "solimp": (0.999, 0.999, 1e-3, 0.5, 2.0)}
+# Longest simulation step [s]: contact and velocity loops are ten times slower.
 SUBSTEP = 5e-4
 
 
@@ -75,21 +73,21 @@ class Solid(NamedTuple):
 
 
 class Solids(NamedTuple):
-    """What touches."""
+    """The solids that may touch each other."""
 
-    world: tuple[Solid, ...]  # what does not move, in the base frame
-    tool: tuple[Solid, ...]  # what is on the tool, in the tool frame
+    world: tuple[Solid, ...]  # fixed, in the base frame
+    tool: tuple[Solid, ...]  # on the tool, in the tool frame
     stiffness: float  # of each of their contact points [N/m]
 
 
 def solids_of(springs: SurfaceSprings, T: Array) -> Solids:
-    """The surface, and on the tool at pose T a ball, an edge or a face that touches it at the points of the springs."""
+    """The surface, and on the tool at pose T a ball, an edge or a face with the points of the springs."""
     return Solids((_surface(springs.surface),), (_tip(springs, T),), springs.stiffness / len(springs.points))
 
 
 def ball_at(point: Array, outwards: Array) -> Solid:
-    """The tip of a pen that ends at a point (3,), below its middle against a direction (3,), in one frame."""
-    return Solid("sphere", (TIP,), se3.transform(None, point + TIP * outwards))
+    """The tip of a pen: a ball that ends at a point (3,), its centre outwards along a unit vector (3,)."""
+    return Solid("sphere", (TIP_RADIUS,), se3.transform(None, point + TIP_RADIUS * outwards))
 
 
 def _surface(surface: Plane) -> Solid:
@@ -98,7 +96,7 @@ def _surface(surface: Plane) -> Solid:
         return Solid("plane", (), se3.pose_along_z(surface.normal, surface.point))
     x = surface.edges[0] / np.linalg.norm(surface.edges[0])
     R = np.column_stack((x, np.cross(surface.normal, x), surface.normal))
-    low, high = np.full(2, -FAR), np.full(2, FAR)
+    low, high = np.full(2, -TABLE_HALF), np.full(2, TABLE_HALF)
     for edge in surface.edges:
         inside = edge.dot(R)[:2]
         i = int(np.abs(inside).argmax())
@@ -108,12 +106,12 @@ def _surface(surface: Plane) -> Solid:
             high[i] = min(high[i], inside[i])
         else:
             low[i] = max(low[i], inside[i])
-    middle = surface.point + R.dot([*(0.5 * (low + high)), -FAR])
-    return Solid("box", (*(0.5 * (high - low)).tolist(), FAR), se3.transform(R, middle))
+    middle = surface.point + R.dot([*(0.5 * (low + high)), -TABLE_HALF])
+    return Solid("box", (*(0.5 * (high - low)).tolist(), TABLE_HALF), se3.transform(R, middle))
 
 
 def _tip(springs: SurfaceSprings, T: Array) -> Solid:
-    """The part of the tool that touches, in the tool frame."""
+    """The solid of the tool that touches, in the tool frame."""
     p = springs.points.mean(axis=0)
     up = T[:3, :3].T.dot(springs.surface.normal)  # in the tool frame
     if len(springs.points) == 1:
@@ -121,11 +119,11 @@ def _tip(springs: SurfaceSprings, T: Array) -> Solid:
     if len(springs.points) == 2:
         along = springs.points[1] - springs.points[0]
         half = 0.5 * float(np.linalg.norm(along))
-        return Solid("capsule", (TIP, half), se3.pose_along_z(along, p + TIP * up))
+        return Solid("capsule", (TIP_RADIUS, half), se3.pose_along_z(along, p + TIP_RADIUS * up))
     a, b = springs.points[1] - springs.points[0], springs.points[2] - springs.points[1]
     sides = 0.5 * float(np.linalg.norm(a)), 0.5 * float(np.linalg.norm(b))
     R = np.column_stack((a / (2.0 * sides[0]), b / (2.0 * sides[1]), np.cross(a, b) / (4.0 * sides[0] * sides[1])))
-    return Solid("box", (*sides, 0.5 * TIP), se3.transform(R, p + 0.5 * TIP * up))
+    return Solid("box", (*sides, 0.5 * TIP_RADIUS), se3.transform(R, p + 0.5 * TIP_RADIUS * up))
 
 
 def arm_model(
@@ -137,12 +135,12 @@ def arm_model(
     sensor: SimulatedSensor,
     physics: Physics,
 ) -> Any:
-    """The `mujoco.MjModel` of an arm, its force sensor and what it touches."""
+    """The `mujoco.MjModel` of an arm, its force sensor and its contact."""
     try:
         spec = mujoco.MjSpec.from_string(chain_xml(urdf, robot.tool, robot.names))
     except ValueError as error:
         raise RobotModelError(f"{urdf.name}: MuJoCo cannot read it ({error})") from error
-    _settings(spec, timestep)
+    _set_options(spec, timestep)
     _add_tool(spec, robot.tool, sensor)
     if isinstance(touch, SurfaceSprings):
         touch = solids_of(touch, robot.pose(start))
@@ -157,12 +155,12 @@ def arm_model(
     except ValueError as error:
         raise RobotModelError(f"{urdf.name}: MuJoCo cannot make a model of it ({error})") from error
     if touch is not None:
-        _stiffen(model, touch)
+        _set_contact_stiffness(model, touch)
     return model
 
 
 def _add_servo(spec: Any, joint: str, armature: float) -> None:
-    """A velocity loop for a joint; the plant sets its gains. Limits are left to the controller under test."""
+    """A velocity loop for a joint, whose gains the plant sets, without limits: those are the controller's task."""
     spec.joint(joint).limited = 0
     spec.joint(joint).armature = armature
     spec.add_actuator(
@@ -174,13 +172,13 @@ def _add_servo(spec: Any, joint: str, armature: float) -> None:
     )
 
 
-def _stiffen(model: Any, touch: Solids | HingeSprings) -> None:
-    """Give the contact its stiffness: MuJoCo scales it by the inverse masses it assumes for the two bodies."""
+def _set_contact_stiffness(model: Any, touch: Solids | HingeSprings) -> None:
+    """Set the stiffness of the contact, which MuJoCo scales by the inverse masses it assumes for the two bodies."""
     each, A = touch.stiffness, model.body_invweight0[model.body("sensor").id, 0]
     if isinstance(touch, HingeSprings):
         each, A = each / len(touch.points), A + model.body_invweight0[model.body("door").id, 0]
     spring = (1.0 - IMPEDANCE) * A * each
-    damper = spring * min(RELAXATION, DAMPING / touch.stiffness)
+    damper = spring * min(DAMPING_TIME, MAX_DAMPING / touch.stiffness)
     impedance = (IMPEDANCE, IMPEDANCE, 1e-3, 0.5, 2.0)
     if isinstance(touch, HingeSprings):
         tied = model.eq_type == mujoco.mjtEq.mjEQ_CONNECT
@@ -193,7 +191,7 @@ def _stiffen(model: Any, touch: Solids | HingeSprings) -> None:
             model.geom_solimp[tip] = impedance
 
 
-def _settings(spec: Any, timestep: float) -> None:
+def _set_options(spec: Any, timestep: float) -> None:
     """Options of the whole model."""
     spec.option.timestep = timestep
     spec.option.gravity = GRAVITY
@@ -219,27 +217,27 @@ def _add_tool(spec: Any, tool: str, sensor: SimulatedSensor) -> None:
 
 
 def _add_solids(spec: Any, solids: Solids, sensor: SimulatedSensor, physics: Physics) -> None:
-    """What does not move, and what is on the tool."""
+    """Add the fixed solids and those of the tool."""
     common: dict[str, Any] = {"contype": 1, "conaffinity": 1, "condim": 3, "friction": (physics.friction, 0.0, 0.0)}
     for solid in solids.world:
-        spec.worldbody.add_geom(type=GEOMS[solid.kind], size=_size(solid), **_place(solid.pose), **common)
+        spec.worldbody.add_geom(type=GEOM_TYPES[solid.kind], size=_size(solid), **_place(solid.pose), **common)
     to_sensor = se3.inverse(sensor.mount)
     for i, solid in enumerate(solids.tool):
         place = _place(to_sensor.dot(solid.pose))
-        shape = {"type": GEOMS[solid.kind], "size": _size(solid)}
+        shape = {"type": GEOM_TYPES[solid.kind], "size": _size(solid)}
         spec.body("sensor").add_geom(name=f"tip {i}", mass=0.0, priority=1, **shape, **place, **common)
 
 
 def _size(solid: Solid) -> list[float]:
-    """As MuJoCo writes it; of a plane, the spacing of a grid."""
+    """The size in MuJoCo's format; of a plane, the spacing of its grid."""
     return [0.0, 0.0, 1.0] if solid.kind == "plane" else [*solid.size, 0.0, 0.0][:3]
 
 
 def _add_door(spec: Any, springs: HingeSprings, sensor: SimulatedSensor, physics: Physics) -> None:
-    """A door on its hinge, or a nut on its bolt, tied to the tool at the points of the springs."""
+    """Add a door on a hinge, or a nut on a bolt, tied to the tool at the points of the springs."""
     axis, foot = screws.axis(springs.screw)
     pitch = screws.pitch(springs.screw)
-    half = float(np.clip(np.linalg.norm(np.cross(axis, springs.home[:3, 3] - foot)), *DOOR_HALF))
+    half = float(np.clip(np.linalg.norm(np.cross(axis, springs.home[:3, 3] - foot)), *DOOR_HALF_WIDTH))
     door = spec.worldbody.add_body(
         name="door",
         pos=foot,
@@ -252,7 +250,7 @@ def _add_door(spec: Any, springs: HingeSprings, sensor: SimulatedSensor, physics
     door.add_joint(name="hinge", type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis, frictionloss=physics.hinge_friction)
     if abs(pitch) > NEGLIGIBLE:
         door.add_joint(name="lead", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
-        screw = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, name1="lead", name2="hinge", **THREAD)
+        screw = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, name1="lead", name2="hinge", **THREAD_CONSTRAINT)
         screw.data[:5] = (0.0, pitch, 0.0, 0.0, 0.0)
     to_sensor = se3.inverse(sensor.mount)
     for i, (on_door, on_tool) in enumerate(zip(springs.handle(0.0), springs.points, strict=True)):
@@ -264,7 +262,7 @@ def _add_door(spec: Any, springs: HingeSprings, sensor: SimulatedSensor, physics
 
 
 def _place(T: Array) -> dict[str, Array]:
-    """A pose as MuJoCo writes it."""
+    """A pose in MuJoCo's format."""
     quat = np.empty(4)
     mujoco.mju_mat2Quat(quat, T[:3, :3].ravel())
     return {"pos": T[:3, 3], "quat": quat}
@@ -288,9 +286,9 @@ class MujocoPlant:
         sensor: SimulatedSensor | None = None,
         physics: Physics | None = None,
     ) -> None:
-        """The arm of a URDF at rest at `start` (m,); `robot` says which joints move, and which frame is the tool's.
+        """The arm of a URDF at rest at `start` (m,), with the joints and the tool frame of `robot`.
 
-        Without a sensor there is one at the tool frame, with nothing on it.
+        None as the sensor is one at the tool frame, without a mass.
         """
         self._physics = Physics() if physics is None else physics
         sensor = SimulatedSensor(np.eye(4)) if sensor is None else sensor
@@ -301,28 +299,28 @@ class MujocoPlant:
         self._dofs = np.array([self.model.joint(name).dofadr[0] for name in robot.names])
         self._tool = self.model.body(robot.tool).id
         self._sensor = self.model.body("sensor").id
-        self._late = deque([np.zeros(len(start))] * round(self._physics.delay / dt))
+        self._pending = deque([np.zeros(len(start))] * round(self._physics.delay / dt))
         self._rng = np.random.default_rng(self._physics.seed)
         self.data.qpos[self._joints] = start
-        self._tune(start)
+        self._set_servo_gains(start)
         mujoco.mj_forward(self.model, self.data)
 
     def measure(self) -> Measurement:
-        """Joint positions, exact, and the force sensor's reading with its noise."""
+        """Exact joint positions, and the force sensor's reading with noise."""
         physics = self._physics
         noise = self._rng.standard_normal(6) * np.repeat((physics.moment_noise, physics.force_noise), 3)
         return Measurement(self._q(), noise - self.data.sensordata)  # MuJoCo's sensor has what the arm exerts
 
     def command(self, velocity: Array) -> None:
-        """One tick of the engine."""
-        self._late.append(velocity)
-        self.data.ctrl[:] = self._late.popleft()
+        """Simulate one tick at joint velocities (m,), after the dead time."""
+        self._pending.append(velocity)
+        self.data.ctrl[:] = self._pending.popleft()
         for _ in range(self._steps):
             mujoco.mj_step(self.model, self.data)
-        mujoco.mj_forward(self.model, self.data)  # sensors and forces of where the arm is now
+        mujoco.mj_forward(self.model, self.data)  # sensors and forces at the new positions
 
     def state(self) -> PlantState:
-        """Joint positions, the tool's pose by MuJoCo's kinematics, and the wrench of all that touches the tool."""
+        """Joint positions, the tool's pose by MuJoCo's kinematics, and the wrench of all contacts of the tool."""
         data = self.data
         mujoco.mj_rnePostConstraint(self.model, data)
         moment, force = data.cfrc_ext[self._sensor].reshape(2, 3)
@@ -333,8 +331,8 @@ class MujocoPlant:
     def _q(self) -> Array:
         return np.asarray(self.data.qpos[self._joints].copy())
 
-    def _tune(self, start: Array) -> None:
-        """Velocity loops of the given lag: servos on the integral of the command, so no load makes a joint creep."""
+    def _set_servo_gains(self, start: Array) -> None:
+        """Set the gains for the lag: servos on the integrated command, so that joints do not creep under load."""
         model, data = self.model, self.data
         mujoco.mj_forward(model, data)
         inertia = np.empty(len(start))
@@ -342,7 +340,7 @@ class MujocoPlant:
             unit, column = np.eye(model.nv)[joint], np.empty(model.nv)
             mujoco.mj_mulM(model, data, column, unit)
             inertia[i] = column[joint]
-        servo = 2.0 * SUBSTEP  # the time in which it brings its inertia to the commanded speed, short beside the lag
+        servo = 2.0 * SUBSTEP  # time to reach the commanded speed, short compared with the lag [s]
         damping = inertia / servo
         stiffness = damping / max(self._physics.lag, servo)
         model.actuator_gainprm[:, 0] = stiffness

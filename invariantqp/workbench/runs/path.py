@@ -1,8 +1,8 @@
-"""Paths of the tool as functions of time, in the base frame. All but `hold` start and end at rest, by minimum jerk:
+"""The [path] table: paths of the tool in the base frame. All but `hold` start and end at rest, by minimum jerk:
 
     sigma(t) = 10 u^3 - 15 u^4 + 6 u^5,   u = t / duration clipped to [0, 1]
 
-A path starts where the robot's tool is, so a task file says how the tool moves and not where the world is.
+A path starts at the tool's pose at the start of the run.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from invariantqp.workbench.runs.section import Direction, NotNegative, Number, P
 PoseAt = Callable[[float], Array]
 
 
-def eased(u: float) -> float:
-    """Progress in [0, 1] at a share u of the duration; at rest, without acceleration, at both ends."""
+def minimum_jerk(u: float) -> float:
+    """Progress in [0, 1] at a share u of the duration, with zero velocity and acceleration at both ends."""
     u = min(max(u, 0.0), 1.0)
     return u * u * u * (10.0 + u * (6.0 * u - 15.0))
 
@@ -34,19 +34,19 @@ class _Path(Section):
     duration: Positive = Field(description="[s]", examples=[4.0])
     timing: Literal["fixed", "elastic"] = Field(
         "fixed",
-        description='"elastic": where limits bind the tool stays on the path and is late, and the run takes longer',
+        description='"elastic": where limits bind the tool stays on the path, is late, and the run takes longer',
         examples=["elastic"],
     )
     target: Literal["pose", "point", "point and axis", "axis"] = Field(
         "pose",
-        description="what of the tool follows the path: its pose, or law.point, tool_axis or both; the rest is free",
+        description="the part of the tool that follows the path: its pose, or law.point, tool_axis or both",
         examples=["point"],
     )
     tool_axis: Direction = Field((0.0, 0.0, 1.0), description="the axis, in the tool frame", examples=[[0, 0, 1]])
     jumps: ClassVar[bool] = False  # whether the target jumps, and so has no velocity to feed forward
 
     def part(self, tool_point: ArrayLike) -> Target | None:
-        """What counts of the path's poses, with the point (3,) in the tool frame; None for all of them."""
+        """The constrained part of the path's poses, with the point (3,) in the tool frame; None where all is."""
         if self.target == "pose":
             return None
         parts = {
@@ -69,7 +69,7 @@ class LinePath(_Path):
         move, turn = np.array(self.move), np.array(self.turn)
 
         def pose(t: float) -> Array:
-            share = _share(t / self.duration, self.there_and_back)
+            share = _progress(t / self.duration, self.there_and_back)
             return _displaced(T0, share * move, share * turn)
 
         return pose
@@ -95,7 +95,7 @@ class CirclePath(_Path):
         normal = normal / np.linalg.norm(normal)
 
         def pose(t: float) -> Array:
-            angle = 2.0 * np.pi * self.turns * eased(t / self.duration)
+            angle = 2.0 * np.pi * self.turns * minimum_jerk(t / self.duration)
             move = centre - se3.rotation(angle * normal).dot(centre)
             return _displaced(T0, move, 0.5 * (1.0 - np.cos(angle)) * rock)
 
@@ -116,7 +116,7 @@ class ScrewPath(_Path):
         """The pose at a time, for a robot that starts at joint positions `start`."""
         T0 = robot.pose(start)
         turn = self.angle * screws.helical(self.axis, T0[:3, 3] + self.point, self.pitch)
-        return lambda t: se3.exp(_share(t / self.duration, self.there_and_back) * turn).dot(T0)
+        return lambda t: se3.exp(_progress(t / self.duration, self.there_and_back) * turn).dot(T0)
 
 
 class JointsPath(_Path):
@@ -137,7 +137,7 @@ class JointsPath(_Path):
                 raise BadInput(f"path.waypoints[{i}]", found, f"{len(start)}, one for each joint")
         knots = np.vstack((start, self.waypoints))
         spline = CubicSpline(np.linspace(0.0, 1.0, len(knots)), knots, bc_type="natural")
-        return lambda t: robot.pose(spline(eased(t / self.duration)))
+        return lambda t: robot.pose(spline(minimum_jerk(t / self.duration)))
 
 
 class HoldPath(_Path):
@@ -169,8 +169,8 @@ class HoldPath(_Path):
 Path = Annotated[LinePath | CirclePath | ScrewPath | JointsPath | HoldPath, Field(discriminator="kind")]
 
 
-def _share(u: float, there_and_back: bool) -> float:
-    return eased(2.0 * u) - eased(2.0 * u - 1.0) if there_and_back else eased(u)
+def _progress(u: float, there_and_back: bool) -> float:
+    return minimum_jerk(2.0 * u) - minimum_jerk(2.0 * u - 1.0) if there_and_back else minimum_jerk(u)
 
 
 def _displaced(T0: Array, move: Array, turn: Array) -> Array:

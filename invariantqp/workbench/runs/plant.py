@@ -1,13 +1,12 @@
-"""What a run controls: an arm, its force sensor and what it touches; and the ideal one, q <- q + dt x.
+"""The plant of a run: an arm, its force sensor and its contact; and the ideal one, q <- q + dt x.
 
-A controller only sees measurements. The ideal plant moves exactly as commanded, against springs at points of the tool:
-one point, the two ends of an edge, the four corners of a face or a handle. It has no inertia, no actuator lag, no
-friction and no noise; a dead time only where one is asked for.
+The ideal plant moves exactly as commanded, against springs at points of the tool: one point, the two ends of an edge,
+the four corners of a face or a handle. It has no inertia, lag, friction or noise, and dead time only if given.
 
     on a plane:  f_i = (k / n) max(-n.(p_i - p0), 0) n,     on a hinge:  f_i = (k / n) (g_i(angle) - p_i)
 
-Wrenches are what the surroundings exert on the tool, about the origin of the base frame. How strongly an edge or a face
-resists being tilted follows from where its points are: k L^2 / 4 for an edge of length L.
+Wrenches are exerted on the tool, about the origin of the base frame. The tilting stiffness of an edge or a face follows
+from its points: k L^2 / 4 for an edge of length L.
 """
 
 from __future__ import annotations
@@ -26,14 +25,14 @@ from invariantqp.robots.kinematics import Robot
 
 
 class Measurement(NamedTuple):
-    """What the sensors say: joint positions (m,), and the wrench (6,) in the sensor's frame."""
+    """Joint positions (m,), and the wrench (6,) in the sensor's frame, as measured."""
 
     q: Array
     wrench: Array
 
 
 class PlantState(NamedTuple):
-    """How things really are: joint positions (m,), tool pose (4, 4), and the wrench (6,) on the tool, base frame."""
+    """The true joint positions (m,), tool pose (4, 4), and wrench (6,) on the tool, base frame."""
 
     q: Array
     pose: Array
@@ -41,22 +40,22 @@ class PlantState(NamedTuple):
 
 
 class Plant(Protocol):
-    """An arm and what it touches."""
+    """An arm and its contact."""
 
     def measure(self) -> Measurement:
-        """What the sensors say now."""
+        """The measurement now."""
 
     def command(self, velocity: Array) -> None:
         """Move for one tick at joint velocities (m,)."""
 
     def state(self) -> PlantState:
-        """How things really are now; no controller knows it."""
+        """The true state now, which controllers do not see."""
 
 
 class Plane(NamedTuple):
     """A plane through a point (3,), with its unit normal (3,) pointing out.
 
-    It ends at straight edges, if there are any: each is the vector (3,) from the point to the edge and across it.
+    It ends at straight edges, if any: each is the vector (3,) from the point to the edge, normal to it.
     """
 
     point: Array
@@ -64,20 +63,20 @@ class Plane(NamedTuple):
     edges: tuple[Array, ...] = ()
 
     def depth(self, p: Array) -> float:
-        """How deep p (3,) is [length], negative outside."""
+        """The depth of p (3,) below the plane [length], negative above it."""
         return float(self.normal.dot(self.point - p))
 
     def extent(self, p: Array) -> float:
-        """How far the nearest edge is from p (3,) [length], negative beyond it; inf without edges."""
+        """The distance from p (3,) to the nearest edge [length], negative beyond it; inf without edges."""
         return min((float(e.dot(self.point + e - p)) / hypot(*e.tolist()) for e in self.edges), default=inf)
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceSprings:
-    """Points of a tool on a surface that pushes and does not pull."""
+    """Points of a tool on a surface that only pushes."""
 
     points: Array  # (n, 3) in the tool frame [m]: one, the two ends of an edge, or the four corners of a face in order
-    surface: Plane  # what they touch
+    surface: Plane
     stiffness: float  # of all points together [N/m]
 
     def wrench(self, T: Array) -> Array:
@@ -101,14 +100,14 @@ class HingeSprings:
     stiffness: float  # of all points together [N/m]
 
     def handle(self, angle: float) -> Array:
-        """(n, 3) where the points of the door are at an angle [rad]."""
+        """(n, 3) positions of the points of the door at an angle [rad]."""
         T = se3.exp(angle * self.screw).dot(self.home)
         return np.asarray(self.points.dot(T[:3, :3].T) + T[:3, 3])
 
     def angle(self, T: Array, guess: float) -> float:
-        """The angle [rad] of a door that only the springs hold, with the tool at pose T: where they stretch least."""
+        """The angle [rad] at which the springs stretch least, with the tool at pose T: that of a free door."""
         p = self.points.dot(T[:3, :3].T) + T[:3, 3]
-        for _ in range(6):  # two reach rounding from a tick ago
+        for _ in range(6):  # two are enough from the last tick's angle
             g = self.handle(guess)
             along = np.cross(self.screw[:3], g) + self.screw[3:]
             guess += float(np.vdot(along, p - g) / np.vdot(along, along))
@@ -130,14 +129,14 @@ def force_at(force: Array, point: Array) -> Array:
 
 
 class SimulatedSensor(NamedTuple):
-    """A force sensor and what hangs on it."""
+    """A force sensor and the mass of the tool beyond it."""
 
     mount: Array  # (4, 4) pose of the sensor in the tool frame
     mass: float = 0.0  # of the tool beyond the sensor [kg]
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0)  # (3,) centre of that mass in the sensor's frame [m]
 
     def reading(self, T: Array, contact: Array) -> Array:
-        """(6,) what it reads with the tool at rest at pose T under a contact wrench: that and weight, in its frame."""
+        """(6,) the reading, in its frame, at rest at tool pose T: contact wrench and weight."""
         pose = T.dot(self.mount)
         weight = force_at(self.mass * np.array(GRAVITY), pose[:3, :3].dot(self.centre) + pose[:3, 3])
         return np.asarray(se3.adjoint(pose, check=False).T.dot(contact + weight))
@@ -161,9 +160,9 @@ class IdealPlant:
         self._springs = springs
         self._sensor = SimulatedSensor(np.eye(4)) if sensor is None else sensor
         self._q = start.copy()
-        self._late = deque([np.zeros(len(start))] * round(delay / dt))
+        self._pending = deque([np.zeros(len(start))] * round(delay / dt))
         self._angle = 0.0
-        self._state: PlantState | None = None  # used twice in a tick
+        self._state: PlantState | None = None  # computed once a tick
 
     def measure(self) -> Measurement:
         """Joint positions and the sensor's wrench, both exact."""
@@ -173,9 +172,9 @@ class IdealPlant:
         return Measurement(now.q, self._sensor.reading(now.pose, now.wrench))
 
     def command(self, velocity: Array) -> None:
-        """q <- q + dt x, x the velocity that was commanded a dead time ago."""
-        self._late.append(velocity)
-        self._q = self._q + self._dt * self._late.popleft()
+        """q <- q + dt x, with the velocity x commanded a dead time ago."""
+        self._pending.append(velocity)
+        self._q = self._q + self._dt * self._pending.popleft()
         self._state = None
 
     def state(self) -> PlantState:

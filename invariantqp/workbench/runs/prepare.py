@@ -1,4 +1,4 @@
-"""A task made ready to run: everything that a run needs, and what its controller is given. Nothing has moved yet."""
+"""A run prepared from a task: its plant, its desired poses, and the problem that its controller gets."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot
-from invariantqp.workbench.runs.clearancespec import Around
+from invariantqp.workbench.runs.clearancespec import ObstacleScene
 from invariantqp.workbench.runs.contactspec import OperatorSpec
 from invariantqp.workbench.runs.path import PoseAt
 from invariantqp.workbench.runs.plant import IdealPlant, Plant
 from invariantqp.workbench.runs.scene import ContactScene, scene_of
 from invariantqp.workbench.runs.section import message
-from invariantqp.workbench.runs.taskfile import LawSpec, Task, started
+from invariantqp.workbench.runs.taskfile import LawSpec, Task, checked_start
 
 
 class Goal(NamedTuple):
@@ -37,26 +37,22 @@ class Goal(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ControlProblem:
-    """What a controller is given before a run.
-
-    It may be expressed in other frames than the task file: a tool frame elsewhere on the tool, say. What it asks of the
-    arm stays the same, so a controller that is right answers with the same joint velocities.
-    """
+    """What a controller gets before a run; it may be expressed in other frames than the task file, see `frames.py`."""
 
     robot: Robot  # the arm, with the tool frame that targets are for
     law: LawSpec  # the [law] table; its points are in that tool frame
     time: Array  # (n + 1,) [s]
-    poses: Array  # (n + 1, 4, 4) tool poses wanted
+    poses: Array  # (n + 1, 4, 4) desired tool poses
     feedforward: Array  # (n, 6) their twists, base frame [rad/s, m/s]
-    contact_task: HybridTask | None = None  # what to do at a contact; None without one
-    sensor: WrenchSensor | None = None  # what is known of the force sensor; None without contact
-    operator: OperatorSpec | None = None  # the person who moves the tool too; None without one
-    around: Around | None = None  # what is around the arm, and the clearance from it; None without
-    part: Target | None = None  # what counts of the poses; None for all of them
-    elastic: Array | None = None  # (m,) joint positions at the start of a path that may be late; None keeps its timing
+    contact_task: HybridTask | None = None  # None without contact
+    sensor: WrenchSensor | None = None  # the force sensor's model; None without contact
+    operator: OperatorSpec | None = None  # None without an operator
+    obstacle_scene: ObstacleScene | None = None  # obstacles and clearance; None without
+    part: Target | None = None  # the constrained part of the poses; None where all is
+    elastic: Array | None = None  # (m,) start of an elastic path; None for fixed timing
 
     def goals(self) -> list[Goal]:
-        """The goals, tick by tick."""
+        """The goals of all ticks."""
         target = self.robot.target if self.part is None else partial(met_by, self.part)
         ticks = zip(self.poses, self.feedforward, self.time.tolist(), strict=False)
         return [Goal(target(T), twist, t) for T, twist, t in ticks]
@@ -66,12 +62,12 @@ class ControlProblem:
 class Setup:
     """Everything that one run needs."""
 
-    task: Task  # with its law as overridden
-    robot: Robot  # the arm, with the task's tool frame: the run is judged there
-    scene: ContactScene | None  # what the tool touches; None where it touches nothing
+    task: Task  # with the overrides in its law
+    robot: Robot  # the arm, with the task's tool frame, where errors are measured
+    scene: ContactScene | None  # None without contact
     physics: str  # the name of the plant, "ideal" or "mujoco"
-    plant: Plant  # the arm at its start; it moves in the run, so a second run needs a second setup
-    path: PoseAt  # tool poses wanted, by the path's own timing [s]
+    plant: Plant  # at its start; a second run needs a second setup
+    path: PoseAt  # desired tool pose at the path's own time [s]
     wanted: Array  # (n + 1, 4, 4) the same, tick by tick
     noise: Array  # (n, m) what the controller's joint positions are off by [rad, m]
     counted_from: int  # the first tick whose errors count; 0 without contact
@@ -79,23 +75,23 @@ class Setup:
 
 
 def prepare(task: Task, physics: str = "ideal", **overrides: Any) -> Setup:
-    """A task made ready to run; arguments and errors are those of `run_task`."""
+    """Prepare a run of a task; arguments and errors as in `run_task`."""
     arrays.instance(task, Task, "task", "a Task, such as load_task returns")
-    task = task.model_copy(update={"law": overridden(task.law, overrides)})
+    task = task.model_copy(update={"law": with_overrides(task.law, overrides)})
     try:
         return _prepared(task, physics)
     except InvariantQPError:
-        found = task.mismatches()
-        if len(found) > 1:
-            raise TaskFileError(task.name, found) from None
+        errors = task.mismatches()
+        if len(errors) > 1:
+            raise TaskFileError(task.name, errors) from None
         raise
 
 
 def _prepared(task: Task, physics: str) -> Setup:
-    """A task with its law as overridden, ready to run."""
+    """Prepare a run of a task whose law is final."""
     law, n = task.law, task.ticks
     robot = task.load_robot()
-    start = started(robot, task.start())
+    start = checked_start(robot, task.start())
     scene = scene_of(task, robot.pose(start), task.physics.force_noise if physics == "mujoco" else 0.0)
     time: Array = law.dt * np.arange(n + 1, dtype=np.float64)
     pose = task.path.along(robot, start)
@@ -120,7 +116,7 @@ def _prepared(task: Task, physics: str) -> Setup:
             contact_task=None if scene is None else scene.task,
             sensor=None if scene is None else scene.sensor,
             operator=task.operator,
-            around=task.around(robot),
+            obstacle_scene=task.obstacle_scene(robot),
             part=task.part,
             elastic=task.start() if task.path.timing == "elastic" else None,
         ),
@@ -132,8 +128,8 @@ def twists_between(poses: Array, dt: float) -> Array:
     return np.array([se3.displacement(a, b) / dt for a, b in pairwise(poses)])
 
 
-def overridden(law: LawSpec, overrides: dict[str, Any]) -> LawSpec:
-    """A law with some of its keys changed, checked as those of a file are."""
+def with_overrides(law: LawSpec, overrides: dict[str, Any]) -> LawSpec:
+    """A law with some of its keys changed, checked as those of a file."""
     keys = LawSpec.model_fields
     for name in overrides:
         if name not in keys:
@@ -152,6 +148,6 @@ def _plant(task: Task, robot: Chain, scene: ContactScene | None, physics: str) -
         return IdealPlant(robot, task.start(), task.law.dt, springs, sensor, task.physics.delay)
     if physics != "mujoco":
         raise BadInput("physics", repr(physics), '"ideal" or "mujoco"')
-    from invariantqp.workbench.runs.mujoco import MujocoPlant  # only where it is asked for
+    from invariantqp.workbench.runs.mujoco import MujocoPlant  # MuJoCo is loaded only here
 
     return MujocoPlant(task.urdf(), robot, task.start(), task.law.dt, springs, sensor, task.physics)

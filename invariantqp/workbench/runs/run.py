@@ -1,8 +1,6 @@
-"""A task run in closed loop, on the ideal plant, q <- q + dt x, or on MuJoCo's.
+"""`run_task`: a closed-loop run of a task on the ideal plant or on MuJoCo's; in every tick measure, step, command.
 
-    measure, step, command in every tick, by what `prepare` makes of the task; then how good it was, as a Trace
-
-In contact the path waits, and errors count, from [contact] settle on: the same time on either plant.
+In contact the path waits, and errors do not count, until [contact] settle has passed.
 """
 
 from __future__ import annotations
@@ -19,43 +17,43 @@ from invariantqp.robots.kinematics import Robot
 from invariantqp.systems.gram import principal_pitches
 from invariantqp.velocity.forms import Form, PitchForm
 from invariantqp.velocity.solution import VelocitySolution
-from invariantqp.workbench.runs.clearancespec import Around
+from invariantqp.workbench.runs.clearancespec import ObstacleScene
 from invariantqp.workbench.runs.controllers import ElasticPathController, MakeController, TaskController, controller_for
 from invariantqp.workbench.runs.plant import PlantState
 from invariantqp.workbench.runs.prepare import Setup, prepare
 from invariantqp.workbench.runs.taskfile import Task
-from invariantqp.workbench.runs.trace import ClearanceTrace, Trace, at_a_limit, contact_trace, errors, path_trace
+from invariantqp.workbench.runs.trace import ClearanceTrace, Trace, contact_trace, errors, is_limit_active, path_trace
 
-# An h that comes this close to a principal pitch, relative to h, is worth a note.
-NEAR_PITCH = 0.1
-# An elastic path may take this many times as long as its timing says.
-LONGEST = 10
+# A warning is given where a principal pitch is this close to h, relative to h.
+PITCH_MARGIN = 0.1
+# The longest duration of an elastic path over that of its timing.
+MAX_DURATION_RATIO = 10
 Observer = Callable[[int, PlantState, VelocitySolution], None]
 
 
 def warnings_of(robot: Robot, form: Form | None, q: Array, solutions: Sequence[VelocitySolution]) -> list[str]:
-    """Sentences about a run with joint positions q (n + 1, m), under a law with this form."""
+    """Warnings about a run with joint positions q (n + 1, m), under a law with this form."""
     n = len(solutions)
-    damped = sum(getattr(s, "damping", 0.0) > 0.0 for s in solutions)  # laws compared with ours need not say
-    found = [f"{damped} of {n} ticks were damped, near a singularity or a principal pitch"] if damped else []
+    damped = sum(getattr(s, "damping", 0.0) > 0.0 for s in solutions)  # laws of other controllers may lack it
+    warnings = [f"{damped} of {n} ticks were damped, near a singularity or a principal pitch"] if damped else []
     for status in ("limited", "guarded", "scaled", "degraded", "held", "overload", "fault"):
         hits = [s for s in solutions if s.status == status]
         if hits:
-            what = f"{status}s" if status in ("overload", "fault") else status
-            found.append(f"{len(hits)} of {n} ticks were {what}; the first: {hits[0].reason}")
+            noun = f"{status}s" if status in ("overload", "fault") else status
+            warnings.append(f"{len(hits)} of {n} ticks were {noun}; the first: {hits[0].reason}")
     if isinstance(form, PitchForm) and len(robot.names) < 6:
-        found += _about_pitches(robot, form.h, q)
-    return found
+        warnings += _about_pitches(robot, form.h, q)
+    return warnings
 
 
 def _about_pitches(robot: Robot, h: float, q: Array) -> list[str]:
-    """Whether h works for this arm along the way."""
+    """A warning where a principal pitch along the path is close to h, or no pitch form works."""
     try:
         pitches = [p for state in q for p in principal_pitches(robot.jacobian(state)).tolist()]
     except BlindSystem as blind:
         return [f"no pitch form sees all of this arm: {blind}"]
     nearest = min(pitches, key=lambda p: abs(p - h), default=None)
-    if nearest is None or abs(nearest - h) > NEAR_PITCH * abs(h):
+    if nearest is None or abs(nearest - h) > PITCH_MARGIN * abs(h):
         return []
     return [f"h = {h:.4g} m comes near the principal pitch {nearest:.4g} m on this path"]
 
@@ -73,47 +71,44 @@ def run_task(
     Args:
         task: from `load_task`.
         physics: the plant: "ideal", or "mujoco" with friction, lag and noise (extra `sim`).
-        controller: makes the controller from robot and law: anything with step(q, target, feedforward=None) that
-            returns a `VelocitySolution` or something like it. None is ours. Not for tasks in contact.
-        observer: called after each tick with (its number, the plant's state then, the solution).
+        controller: makes the controller from robot and law: an object with step(q, target, feedforward=None) that
+            returns a `VelocitySolution` or has its attributes. None is ours. Not for tasks in contact.
+        observer: called after each tick with its number, the plant's state and the solution.
         overrides: keys of the task's [law] to change: dt, gain, form, damping, exact, guard, acceleration_limit, ...
 
     Returns:
         Trace: trajectory, errors, methods, statuses, times.
 
     Raises:
-        RobotModelError, UnknownName, MissingExtra: the robot cannot be had.
+        RobotModelError, UnknownName, MissingExtra: the robot cannot be loaded.
     """
     setup = prepare(task, physics, **overrides)
     return run(setup, controller_for(setup.problem, controller), observer)
 
 
 def run(setup: Setup, controller: TaskController, observer: Observer | None = None) -> Trace:
-    """Run a setup from `prepare`, whose plant moves, under a controller; the observer as in `run_task`.
-
-    An elastic path ends when the controller is done.
-    """
+    """Run a setup, whose plant moves, under a controller, until the last goal or, on an elastic path, its end."""
     plant, goals = setup.plant, setup.problem.goals()
     states, solutions = [plant.state()], []
     n = len(goals)
-    tick_ns, read = [], []
-    for k in range(n if setup.problem.elastic is None else LONGEST * n):
-        if setup.problem.around is not None:
-            setup.problem.around.move(k * setup.task.law.dt)
+    tick_ns, wrenches = [], []
+    for k in range(n if setup.problem.elastic is None else MAX_DURATION_RATIO * n):
+        if setup.problem.obstacle_scene is not None:
+            setup.problem.obstacle_scene.move(k * setup.task.law.dt)
         measured = plant.measure()
         measured = measured._replace(q=measured.q + setup.noise[k % n])
         before = perf_counter_ns()
         solution = controller.step(measured, goals[min(k, n - 1)])
         tick_ns.append(perf_counter_ns() - before)
-        read.append(controller.wrench)
+        wrenches.append(controller.wrench)
         plant.command(solution.velocity)
         solutions.append(solution)
         states.append(plant.state())
         if observer is not None:
             observer(k, states[-1], solution)
-        if controller.done:
+        if controller.is_done:
             break
-    return _trace(setup, controller, states, solutions, np.array(tick_ns), np.array(read))
+    return _trace(setup, controller, states, solutions, np.array(tick_ns), np.array(wrenches))
 
 
 def _trace(
@@ -122,9 +117,9 @@ def _trace(
     states: list[PlantState],
     solutions: list[VelocitySolution],
     tick_ns: Array,
-    read: Array,
+    wrenches: Array,
 ) -> Trace:
-    """What happened in a run, with its errors."""
+    """The trace of a run."""
     robot, scene, after = setup.robot, setup.scene, states[1:]
     along = path_trace(setup.path, controller.followed) if isinstance(controller, ElasticPathController) else None
     wanted, time = setup.wanted, setup.problem.time
@@ -145,25 +140,27 @@ def _trace(
         velocity_limit=robot.velocity_limit,
         methods=[s.method for s in solutions],
         statuses=[s.status for s in solutions],
-        limit_active=[at_a_limit(s) for s in solutions],
+        limit_active=[is_limit_active(s) for s in solutions],
         tick_ns=tick_ns,
         wanted=wanted,
         form="" if controller.form is None else controller.form.describe(),
         warnings=warnings_of(robot, controller.form, q, solutions),
         physics=setup.physics,
         counted_from=setup.counted_from,
-        contact=None if scene is None else contact_trace(scene, contacts, after, read, setup.wanted[1:]),
+        contact=None if scene is None else contact_trace(scene, contacts, after, wrenches, setup.wanted[1:]),
         along=along,
-        clearance=None if setup.problem.around is None else _clearance(setup.problem.around, q, setup.task.law.dt),
+        clearance=None
+        if setup.problem.obstacle_scene is None
+        else _clearance(setup.problem.obstacle_scene, q, setup.task.law.dt),
     )
 
 
-def _clearance(around: Around, q: Array, dt: float) -> ClearanceTrace | None:
-    """The least distances in states q (n + 1, m), and of which bodies; None where nothing is kept apart."""
-    found = []
+def _clearance(obstacle_scene: ObstacleScene, q: Array, dt: float) -> ClearanceTrace | None:
+    """The least distances at q (n + 1, m), and their bodies; None where no pair is kept apart."""
+    nearest = []
     for k, state in enumerate(q):
-        around.move(k * dt)
-        found.append(around.clearance.at(state))
-    distances = np.array([near.distance for near in found])
-    pairs = [f"{near.first} and {near.second}" for near in found]
-    return ClearanceTrace(distances, pairs, around.clearance.distance) if np.isfinite(distances).any() else None
+        obstacle_scene.move(k * dt)
+        nearest.append(obstacle_scene.clearance.at(state))
+    distances = np.array([near.distance for near in nearest])
+    pairs = [f"{near.first} and {near.second}" for near in nearest]
+    return ClearanceTrace(distances, pairs, obstacle_scene.clearance.distance) if np.isfinite(distances).any() else None

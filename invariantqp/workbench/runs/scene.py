@@ -1,7 +1,7 @@
-"""The contact of a task, twice: as it really is, for a plant, and as the controller believes it to be.
+"""The contact of a task: the true one, of the plant, and the nominal one, of the controller.
 
-The two differ by [contact] tilt, and by what a physics engine adds. A run is judged by the belief, in which the task is
-expressed: motion along what the contact leaves free, force along what it resists.
+They differ by [contact] tilt. Errors are measured by the nominal one: of motion along its freedoms, of force along its
+constraints.
 
     relative force error = |P*(W_d - W)| / |W_d|,    |W|^2 = |f|^2 + k m'K^-1 m about the place of contact
 
@@ -34,13 +34,13 @@ from invariantqp.force.wrench import Wrench
 from invariantqp.geometry import screws, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.systems.projectors import dual_projectors
-from invariantqp.workbench.runs.contactspec import SIDES, ContactSpec, ForceSpec
+from invariantqp.workbench.runs.contactspec import SIZE_COUNT, ContactSpec, ForceSpec
 from invariantqp.workbench.runs.plant import HingeSprings, Plane, SimulatedSensor, Springs, SurfaceSprings
 from invariantqp.workbench.runs.taskfile import Task
 
-# The length over which a point contact is taken to extend, where moments are weighed against forces [m].
+# Size of a point contact, by which moments are weighed against forces [m].
 POINT_SIZE = 0.05
-# The corners of a face or a handle in order, and the ends of an edge, in halves of its sides.
+# Points of each kind of contact, in halves of its sides; the corners of a face in order.
 CORNERS = {
     "point": ((0, 0),),
     "edge": ((-1, 0), (1, 0)),
@@ -50,19 +50,19 @@ CORNERS = {
 
 @dataclass(frozen=True, eq=False)
 class ContactScene:
-    """What the tool touches, what the controller believes of it, and what it has to do there."""
+    """The true contact and sensor of a plant, and the controller's task and model of them."""
 
     kind: ContactKind  # of contact, in its own frame
-    springs: Springs  # the contact as it really is
-    simulated_sensor: SimulatedSensor  # the force sensor as it really is
-    task: HybridTask  # for the hybrid controller, as it believes the contact to be
-    sensor: WrenchSensor  # what the controller knows of its force sensor
+    springs: Springs  # the true contact
+    simulated_sensor: SimulatedSensor  # the true force sensor
+    task: HybridTask  # for the hybrid controller, on the nominal contact
+    sensor: WrenchSensor  # the controller's model of its force sensor
     stiffness: Array  # (6,) in the contact's frame, angular first [N m/rad, N/m]
-    normal: Array  # (3,) of the plane in which the path is drawn
-    surface: Plane | None  # the surface as the controller believes it to be; None for a hinge
+    normal: Array  # (3,) of the plane of the path
+    surface: Plane | None  # the nominal surface; None for a hinge
 
     def on_surface(self, T: Array) -> Array:
-        """A wanted tool pose (4, 4) with its point moved onto the surface, along the plane's normal."""
+        """A desired tool pose (4, 4) with its origin moved onto the surface along the normal."""
         if self.surface is None:
             return T
         on = T.copy()
@@ -70,7 +70,7 @@ class ContactScene:
         return on
 
     def motion_error(self, contact: Contact, T: Array, wanted: Array) -> tuple[float, float]:
-        """Distance [m] and angle [rad] of a tool pose from a wanted one along what the contact leaves free."""
+        """Distance [m] and angle [rad] of a tool pose from the desired one along the contact's freedoms."""
         R = np.asarray(contact.pose)[:3, :3]
         turn = se3.rotation_vector(wanted[:3, :3].dot(T[:3, :3].T))
         turns, slides = self._free
@@ -78,8 +78,8 @@ class ContactScene:
         return sqrt(slid.dot(slid)), sqrt(rotated.dot(rotated))
 
     def force(self, contact: Contact, wrench: Array) -> tuple[float, float]:
-        """Of a wrench that the tool exerts (6,), base frame: its part along the wanted one, and |P*(W_d - W)| [N]."""
-        resisted = self._resisted.dot(contact.adjoint.T.dot(wrench))
+        """Of a wrench (6,) that the tool exerts, base frame: the part along the desired one, and |P*(W_d - W)| [N]."""
+        resisted = self._constraint_projector.dot(contact.adjoint.T.dot(wrench))
         e = self.wanted - resisted
         size = self.wanted_norm
         press = float((self.wanted * self._weights).dot(resisted)) / size if size > 0.0 else 0.0
@@ -87,8 +87,8 @@ class ContactScene:
 
     @cached_property
     def wanted(self) -> Array:
-        """(6,) the wrench to exert, in the contact's frame."""
-        return self.task.split(self.kind).wrench
+        """(6,) the desired wrench, in the contact's frame."""
+        return self.task.split(self.kind).desired(np.asarray(self.task.wrench))
 
     @property
     def _weights(self) -> Array:
@@ -100,7 +100,7 @@ class ContactScene:
         return sqrt((self.wanted * self.wanted).dot(self._weights))
 
     @cached_property
-    def _resisted(self) -> Array:
+    def _constraint_projector(self) -> Array:
         """P* with the contact's stiffness as the metric, whatever the controller uses."""
         return dual_projectors(np.asarray(self.kind.freedoms), metric=self.stiffness).force
 
@@ -111,13 +111,12 @@ class ContactScene:
         return orth(S[:3]), orth(S[3:])
 
 
-# Of what is touched the springs, their stiffness, the contact that the controller believes in for a tool at a (4, 4)
-# pose, the normal, and the surface, as `ContactScene` has them.
-_Touched = tuple[Springs, Array, Callable[[Array], Contact], Array, Plane | None]
+# Springs, stiffness, nominal contact at a (4, 4) tool pose, normal and surface, as in `ContactScene`.
+_ContactParts = tuple[Springs, Array, Callable[[Array], Contact], Array, Plane | None]
 
 
 def scene_of(task: Task, T: Array, noise: float = 0.0) -> ContactScene | None:
-    """The contact of a task whose tool starts at pose T (4, 4); None where the tool touches nothing.
+    """The contact of a task whose tool starts at pose T (4, 4); None without contact.
 
     `noise` is the standard deviation of a force component of the plant's sensor [N].
     """
@@ -150,7 +149,7 @@ def _hybrid_task(
     contact: ContactSpec, force: ForceSpec, stiffness: Array, contact_at: Callable[[Array], Contact]
 ) -> HybridTask:
     by_stiffness = force.h is None and force.complement is None
-    press: list[float] | Wrench = [force.press] + [0.0] * SIDES[contact.kind]
+    press: list[float] | Wrench = [force.press] + [0.0] * SIZE_COUNT[contact.kind]
     if contact.kind == "hinge":
         press = Wrench(moment=[0.0, 0.0, 0.0], force=[force.press, 0.0, 0.0])  # away from the axis
     return HybridTask(
@@ -167,7 +166,7 @@ def _hybrid_task(
     )
 
 
-def _surface(contact: ContactSpec, T: Array) -> _Touched:
+def _surface(contact: ContactSpec, T: Array) -> _ContactParts:
     """A plane below a tool at pose T."""
     R, tilt = T[:3, :3], se3.rotation(np.asarray(contact.tilt))
     n = np.array(contact.normal) / np.linalg.norm(contact.normal)
@@ -181,9 +180,9 @@ def _surface(contact: ContactSpec, T: Array) -> _Touched:
     for given, edge in zip(contact.edges, edges, strict=True):
         if not np.linalg.norm(edge) > SIX_DIGITS:
             found = f"{list(given)} along the normal or too short"
-            raise BadInput("contact.edges", found, "a way along the surface from the tool to an edge")
-    believed = Plane(foot, n, edges)
-    real = Plane(foot, tilt.dot(n), tuple(tilt.dot(edge) for edge in edges))
+            raise BadInput("contact.edges", found, "a vector along the surface from the tool to an edge")
+    nominal = Plane(foot, n, edges)
+    true = Plane(foot, tilt.dot(n), tuple(tilt.dot(edge) for edge in edges))
     a, b = [*(0.5 * s for s in contact.size or ()), 0.0, 0.0][:2]
     points = np.array([R.T.dot(i * a * x + j * b * y) for i, j in CORNERS[contact.kind]])
     along = R.T.dot(x)
@@ -196,14 +195,14 @@ def _surface(contact: ContactSpec, T: Array) -> _Touched:
             here = line_contact(p, tool[:3, :3].dot(along), n)
         else:
             here = face_contact(p, n, tangent=tool[:3, :3].dot(along))
-        return Contact(here.kind, here.pose, believed.extent(p)) if edges else here
+        return Contact(here.kind, here.pose, nominal.extent(p)) if edges else here
 
     lever = b or a or POINT_SIZE, a or POINT_SIZE, a or POINT_SIZE
     stiffness = contact.stiffness * np.array([*np.square(lever), 1.0, 1.0, 1.0])
-    return SurfaceSprings(points, real, contact.stiffness), stiffness, contact_at, n, believed
+    return SurfaceSprings(points, true, contact.stiffness), stiffness, contact_at, n, nominal
 
 
-def _hinge(contact: ContactSpec, T: Array) -> _Touched:
+def _hinge(contact: ContactSpec, T: Array) -> _ContactParts:
     """A door held by a tool at pose T. The contact's frame is at the handle, its x axis away from the hinge."""
     p = T[:3, 3]
     axis = np.array(contact.axis) / np.linalg.norm(contact.axis)
@@ -226,6 +225,6 @@ def _hinge(contact: ContactSpec, T: Array) -> _Touched:
     R = T[:3, :3].T.dot(handle[:3, :3])
     points = np.array([R.dot([i * a, 0.0, j * b]) for i, j in CORNERS["face"]])
     tilt = se3.rotation(np.asarray(contact.tilt))
-    real = screws.revolute(tilt.dot(axis), p + tilt.dot(to_axis))
+    true = screws.revolute(tilt.dot(axis), p + tilt.dot(to_axis))
     stiffness = contact.stiffness * np.array([b * b, a * a + b * b, a * a, 1.0, 1.0, 1.0])
-    return HingeSprings(points, T.copy(), real, contact.stiffness), stiffness, contact_at, axis, None
+    return HingeSprings(points, T.copy(), true, contact.stiffness), stiffness, contact_at, axis, None

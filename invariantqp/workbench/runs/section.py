@@ -1,7 +1,7 @@
-"""The base of every table of a task file, the kinds of numbers in them, and the errors of a file that does not fit.
+"""The base class of the tables of a task file, the types of their numbers, and one-line messages for errors.
 
-A number in a file is a number: no text, no booleans, and nothing so large that its square would overflow. Units are SI
-and radians. A problem is one line: its path, what was found, and what would be right.
+Numbers are neither text nor booleans, and small enough to be squared. Units are SI and radians. A message has the
+key's path, what was found, and what is expected:
 
     $.law.gian: extra inputs are not permitted (did you mean 'gain'?)
 """
@@ -42,7 +42,7 @@ def checked_number(number: float) -> float:
     return number
 
 
-# Infinity is allowed where it has a meaning: no limit, or the pitch of a prismatic joint.
+# Infinity means no limit, or the pitch of a prismatic joint.
 OpenNumber = Annotated[float, Strict(), AfterValidator(checked_number)]
 
 
@@ -58,34 +58,34 @@ Direction = Annotated[Vector3, AfterValidator(checked_direction)]
 
 
 class _Place(NamedTuple):
-    """Where a problem is: the keys that lead there, and the tables that the last of them may be in."""
+    """The place of an error: its keys, and the tables that the last key may belong to."""
 
     keys: tuple[int | str, ...]
     tables: Models
 
     @property
     def path(self) -> str:
-        """As messages have it."""
+        """As in messages."""
         return "$" + "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in self.keys)
 
 
 def problems(error: ValidationError, root: type[BaseModel]) -> list[str]:
-    """A line for each place in a file, which should decode to `root`, where pydantic found something wrong."""
-    found: dict[str, list[str]] = {}
+    """A message for each place in a file for `root` where pydantic found an error."""
+    messages: dict[str, list[str]] = {}
     advice: dict[str, str] = {}
     for one in error.errors():
         unknown = one["type"] == "extra_forbidden"
         place = _place(one["loc"], root, unknown)
         single = one["type"] == "list_type" and isinstance(one["input"], dict)
-        found.setdefault(place.path, []).append(
+        messages.setdefault(place.path, []).append(
             f"write [[{place.path[2:]}]], of which there may be several" if single else message(one)
         )
         advice[place.path] = _advice(place, unknown)
-    return [f"{path}: {' or '.join(texts)}{advice[path]}" for path, texts in found.items()]
+    return [f"{path}: {' or '.join(texts)}{advice[path]}" for path, texts in messages.items()]
 
 
-def without(content: dict[str, Any], error: ValidationError, root: type[BaseModel]) -> dict[str, Any] | None:
-    """The content of a file without what is wrong in it; None where something is missing, or no part of it is right."""
+def without_errors(content: dict[str, Any], error: ValidationError, root: type[BaseModel]) -> dict[str, Any] | None:
+    """The content of a file without the keys in error; None where a key is missing, or a whole table is in error."""
     left = deepcopy(content)
     for one in error.errors():
         unknown = one["type"] == "extra_forbidden"
@@ -101,14 +101,14 @@ def without(content: dict[str, Any], error: ValidationError, root: type[BaseMode
     return left
 
 
-def message(found: Any) -> str:
-    """One of pydantic's errors in its own words, as part of a sentence."""
-    words = str(found["msg"]).removeprefix("Value error, ")
+def message(error: Any) -> str:
+    """The text of one of pydantic's errors, as part of a sentence."""
+    words = str(error["msg"]).removeprefix("Value error, ")
     return words if words[1:2].isupper() else words[:1].lower() + words[1:]
 
 
 def _place(location: tuple[int | str, ...], root: type[BaseModel], unknown: bool) -> _Place:
-    """A place as the file has it, whose last key may be unknown. pydantic also names the members of unions: no keys."""
+    """The place of an error whose last key may be unknown, without the names of union members that pydantic adds."""
     keys: tuple[int | str, ...] = ()
     tables: Models = []
     below: Models = [root]
@@ -125,7 +125,7 @@ def _place(location: tuple[int | str, ...], root: type[BaseModel], unknown: bool
 
 
 def _advice(place: _Place, unknown: bool) -> str:
-    """A key like an unknown one, or an example of a value."""
+    """A key similar to an unknown one, or an example of a value."""
     fields = {name: field for table in place.tables for name, field in table.model_fields.items()}
     key = next((key for key in reversed(place.keys) if isinstance(key, str)), "")
     if unknown:
@@ -136,7 +136,7 @@ def _advice(place: _Place, unknown: bool) -> str:
 
 
 def toml(value: Any) -> str:
-    """A value as TOML writes it."""
+    """A value as TOML."""
     if isinstance(value, dict):
         return f"{{ {', '.join(f'{key} = {toml(inner)}' for key, inner in value.items())} }}"
     if isinstance(value, (list, tuple)):

@@ -1,7 +1,4 @@
-"""What happened in a run: trajectory, errors, methods, times; at a contact, along an elastic path, near obstacles.
-
-Its figures, and whether the task accepts them.
-"""
+"""`Trace`, the record of a run: trajectory, errors, methods, statuses, times; contact, elastic path and clearance."""
 
 from __future__ import annotations
 
@@ -27,52 +24,52 @@ from invariantqp.workbench.runs.scene import ContactScene
 from invariantqp.workbench.runs.taskfile import Task
 
 
-def at_a_limit(solution: VelocitySolution) -> bool:
-    """Whether a limit was active in a tick: a joint's, which `active` has, or another one, such as a clearance."""
+def is_limit_active(solution: VelocitySolution) -> bool:
+    """Whether a limit of a joint or another one, such as a clearance, was active in a tick."""
     return solution.method == "qp" or bool(solution.active)
 
 
 @dataclass(frozen=True, eq=False)
 class ContactTrace:
-    """What happened at the contact. Wrenches are those that the tool exerts (m; f), base frame, after each tick."""
+    """The record of a contact. Wrenches (m; f) are exerted by the tool, base frame, after each tick."""
 
-    wrench: Array  # (n, 6) as it really was
-    measured: Array  # (n, 6) as the controller read it, at the beginning of the tick
-    press: Array  # (n,) how much of the wanted wrench was there [N]: its part along P*, in the contact's stiffness
-    measured_press: Array  # (n,) the same of the wrench as read
-    error: Array  # (n,) |P*(W_d - W)| [N]; a moment counts as the force that stretches the contact as much
-    measured_error: Array  # (n,) the same of the wrench as read
+    wrench: Array  # (n, 6) true
+    measured: Array  # (n, 6) measured by the controller at the beginning of the tick
+    press: Array  # (n,) part along the desired wrench [N], in the metric of the contact's stiffness
+    measured_press: Array  # (n,) the same of the measured wrench
+    error: Array  # (n,) |P*(W_d - W)| [N], in the same metric
+    measured_error: Array  # (n,) the same of the measured wrench
     wanted: float  # |W_d| [N]
-    drawn: Array  # (n, 3) where the tool's point was [m]
-    desired: Array  # (n, 3) where it should have been
-    normal: Array  # (3,) of the plane to look at these points in
+    position: Array  # (n, 3) of the tool point [m]
+    desired: Array  # (n, 3) desired position of the tool point [m]
+    normal: Array  # (3,) of the plane of the path
 
     def relative_rms(self, first: int, *, measured: bool = False) -> float | None:
-        """Force error from tick `first` on, root mean square over |W_d|; None where no force is wanted."""
+        """Root mean square of the force error from tick `first` on, over |W_d|; None where no force is desired."""
         error = (self.measured_error if measured else self.error)[first:]
         return float(np.sqrt(np.mean(error**2))) / self.wanted if self.wanted > 0.0 else None
 
 
 def contact_trace(
-    scene: ContactScene, contacts: Sequence[Contact], after: Sequence[PlantState], read: Array, wanted: Array
+    scene: ContactScene, contacts: Sequence[Contact], after: Sequence[PlantState], measured: Array, wanted: Array
 ) -> ContactTrace:
-    """What happened at a contact in n ticks.
+    """The record of a contact in n ticks.
 
-    `contacts` are those believed in at the poses of `after`, the plant after each tick; `read` (n, 6) the wrenches as
-    the controller read them; `wanted` (n, 4, 4) the poses wanted.
+    `contacts` are the nominal ones at the poses of `after`, the plant's state after each tick; `measured` (n, 6) are
+    the wrenches measured by the controller, `wanted` (n, 4, 4) the desired poses.
     """
     exerted = np.array([-state.wrench for state in after])
     press, error = np.array([scene.force(c, W) for c, W in zip(contacts, exerted, strict=True)]).T
-    measured_press, measured_error = np.array([scene.force(c, W) for c, W in zip(contacts, read, strict=True)]).T
+    measured_press, measured_error = np.array([scene.force(c, W) for c, W in zip(contacts, measured, strict=True)]).T
     return ContactTrace(
         wrench=exerted,
-        measured=read,
+        measured=measured,
         press=press,
         measured_press=measured_press,
         error=error,
         measured_error=measured_error,
         wanted=scene.wanted_norm,
-        drawn=np.array([state.pose[:3, 3] for state in after]),
+        position=np.array([state.pose[:3, 3] for state in after]),
         desired=wanted[:, :3, 3],
         normal=scene.normal,
     )
@@ -85,9 +82,9 @@ def errors(
     wanted: Array,
     part: Target | None = None,
 ) -> Array:
-    """(n, 2) distance [m] and angle [rad] from the poses (n, 4, 4) wanted, 0 of what `part` leaves free.
+    """(n, 2) distance [m] and angle [rad] from the desired poses (n, 4, 4), of what `part` constrains.
 
-    In contact they are those along what it leaves free.
+    In contact they are those along its freedoms.
     """
     if part is not None:
         return np.array([target_errors(met_by(part, T), state.pose) for state, T in zip(after, wanted, strict=True)])
@@ -104,30 +101,30 @@ def distance(T: Array, wanted: Array) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class PathTrace:
-    """What happened along the path, tick by tick."""
+    """The record of an elastic path."""
 
-    place: Array  # (n,) by the path's own timing [s]
-    speed: Array  # (n,) over that of its timing
+    place: Array  # (n,) the path's own time [s]
+    speed: Array  # (n,) over that of the path's timing
     lag: Array  # (n,) how late the tool is [s]
-    ruling: list[str]  # (n,) what rules the speed, in words
+    ruling: list[str]  # (n,) what limits the speed, in words
     poses: Array  # (n + 1, 4, 4) of the path where the tool is, before the first tick and after each
     status: str  # in the last tick, as in `FollowerSolution`
 
     @property
-    def driven(self) -> Array:
-        """The speeds on the way; those at the path's end, where the joints come to rest, are left out."""
-        on_the_way = [ruling not in (SETTLING, ENDED) for ruling in self.ruling]
-        return self.speed[on_the_way] if any(on_the_way) else self.speed
+    def moving_speed(self) -> Array:
+        """The speeds before the joints come to rest at the end of the path."""
+        moving = [ruling not in (SETTLING, ENDED) for ruling in self.ruling]
+        return self.speed[moving] if any(moving) else self.speed
 
     @property
-    def slowed(self) -> dict[str, float]:
-        """What slowed the tool down, with the share of the ticks on the way, most frequent first."""
+    def slowdowns(self) -> dict[str, float]:
+        """The causes of slowdowns with their share of the moving ticks, most frequent first."""
         counts = Counter(ruling for ruling in self.ruling if ruling not in (ON_TIME, SETTLING, ENDED))
-        return {name: count / len(self.driven) for name, count in counts.most_common()}
+        return {name: count / len(self.moving_speed) for name, count in counts.most_common()}
 
 
 def path_trace(path: PoseAt, followed: Sequence[FollowerSolution]) -> PathTrace:
-    """What happened along a path, from the solutions of its follower."""
+    """The record of an elastic path, from the solutions of its follower."""
     place = np.array([s.place for s in followed])
     return PathTrace(
         place=place,
@@ -141,15 +138,15 @@ def path_trace(path: PoseAt, followed: Sequence[FollowerSolution]) -> PathTrace:
 
 @dataclass(frozen=True, eq=False)
 class ClearanceTrace:
-    """How near an arm came to itself and to what is around it, in a run of n ticks."""
+    """The least distances of an arm from itself and from obstacles, in a run of n ticks."""
 
     distance: Array  # (n + 1,) the least [m], negative inside
-    pairs: list[str]  # (n + 1,) of which bodies
+    pairs: list[str]  # (n + 1,) their bodies
     required: float  # the least that is allowed [m]
 
     @property
-    def shown(self) -> tuple[Array, float]:
-        """(n + 1,) the distances and the largest that a chart shows [m]: nothing matters at ten times the required."""
+    def chart_range(self) -> tuple[Array, float]:
+        """(n + 1,) distances cut off for a chart, and the cut-off [m]: at most ten times the required distance."""
         farthest = float(np.max(self.distance, where=np.isfinite(self.distance), initial=0.0))
         most = max(min(farthest, 10.0 * self.required or inf), 2.0 * self.required)
         return np.minimum(self.distance, most), most
@@ -162,7 +159,7 @@ class ClearanceTrace:
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """What happened in a run.
+    """The record of a run.
 
     Attributes:
         task: the task.
@@ -178,14 +175,14 @@ class Trace:
         statuses: (n,) names, as in `VelocitySolution`.
         limit_active: (n,) whether a limit was active.
         tick_ns: (n,) time that the controller took for each tick [ns].
-        wanted: (n + 1, 4, 4) tool poses wanted.
-        form: how twists were measured, in words; "" where the controller does not say.
-        warnings: what a person should know, in sentences.
+        wanted: (n + 1, 4, 4) desired tool poses.
+        form: description of the controller's form; "" where it has none.
+        warnings: in sentences.
         physics: the plant, "ideal" or "mujoco".
         counted_from: the first tick whose errors count; 0 without contact.
-        contact: forces and the curve drawn; None without contact.
-        along: progress on an elastic path; None where the path keeps its timing.
-        clearance: the least distances of bodies; None where nothing is kept apart.
+        contact: forces and positions; None without contact.
+        along: progress on an elastic path; None for fixed timing.
+        clearance: least distances of bodies; None where no pair is kept apart.
     """
 
     task: Task
@@ -211,26 +208,26 @@ class Trace:
     clearance: ClearanceTrace | None = None
 
     @property
-    def outside(self) -> Array:
-        """(n + 1, m) how far each joint is outside its position limits [rad, m]; 0 inside."""
+    def position_violation(self) -> Array:
+        """(n + 1, m) excess of each joint over its position limits [rad, m]; 0 inside."""
         low, high = self.position_limits
         return np.asarray(np.maximum(np.maximum(low - self.q, self.q - high), 0.0))
 
     @property
     def acceleration(self) -> Array:
-        """(n, m) change of the commanded velocity in each tick over dt [rad/s^2, m/s^2]; the first is from rest."""
+        """(n, m) change of the commanded velocity over dt [rad/s^2, m/s^2]; the first from rest."""
         change: Array = np.diff(self.velocity, axis=0, prepend=0.0)
         return change / self.task.law.dt
 
     @property
     def limit_violation(self) -> float:
-        """Largest excess over a position [rad, m] or velocity [rad/s, m/s] limit; 0 when inside.
+        """Largest excess over a position [rad, m] or velocity [rad/s, m/s] limit; 0 inside.
 
-        The task's acceleration limit, if it has one, counts as the velocities that it leaves a tick.
+        An acceleration limit of the task counts as a velocity limit for each tick.
         """
         velocity = float((np.abs(self.velocity) - self.velocity_limit).max())
         change = self.task.law.dt * (self.acceleration_violation or 0.0)
-        return max(float(self.outside[1:].max()), velocity, change)
+        return max(float(self.position_violation[1:].max()), velocity, change)
 
     @property
     def acceleration_violation(self) -> float | None:
@@ -240,7 +237,7 @@ class Trace:
 
     @property
     def shortfalls(self) -> list[str]:
-        """The acceptance numbers that were missed, one sentence each; empty when the run is accepted."""
+        """The acceptance limits that were missed, a sentence each; empty if the run is accepted."""
         accept = self.task.accept
         if self.physics == "mujoco" and self.task.accept_mujoco is not None:
             accept = self.task.accept_mujoco
@@ -269,21 +266,21 @@ class Trace:
 
     @property
     def force_error(self) -> float | None:
-        """Force error since contact has settled, root mean square over the wanted force; None without one."""
+        """Root mean square of the force error over the desired force, after settling; None without contact."""
         return None if self.contact is None else self.contact.relative_rms(self.counted_from)
 
     @property
     def _counted(self) -> tuple[Array, Array]:
-        """Errors [mm] and [deg] that count: since contact has settled."""
+        """Errors [mm] and [deg] from the first tick that counts."""
         return 1e3 * self.position_error[self.counted_from :], np.degrees(self.orientation_error[self.counted_from :])
 
     @property
     def passed(self) -> bool:
-        """Whether the task's own acceptance numbers are met."""
+        """Whether the task's acceptance limits are met."""
         return not self.shortfalls
 
     def summary(self) -> dict[str, Any]:
-        """The run's figures; SI units unless a key says otherwise."""
+        """Figures of the run, in SI units unless the key has another."""
         n = len(self.velocity)
         mm, deg = self._counted
         measured = None if self.contact is None else self.contact.relative_rms(self.counted_from, measured=True)
@@ -308,8 +305,8 @@ class Trace:
             "force_error_relative_rms": self.force_error,
             "force_error_relative_rms_measured": measured,
             "path_lag": None if self.along is None else float(self.along.lag[-1]),
-            "path_speed": None if self.along is None else _spread(self.along.driven),
-            "slowed_by": None if self.along is None else self.along.slowed,
+            "path_speed": None if self.along is None else _spread(self.along.moving_speed),
+            "slowed_by": None if self.along is None else self.along.slowdowns,
             "least_clearance_mm": None if self.clearance is None else 1e3 * float(self.clearance.distance.min()),
             "nearest": None if self.clearance is None else self.clearance.describe(),
             "shortfalls": self.shortfalls,

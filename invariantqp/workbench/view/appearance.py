@@ -17,7 +17,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.robots.chain import Chain, Geometry, Link
 from invariantqp.robots.description import read_xml
 from invariantqp.robots.kinematics import Robot
-from invariantqp.robots.urdf import Visual, visuals_of
+from invariantqp.robots.urdf import Visual, visual_geometry
 
 if TYPE_CHECKING:
     from invariantqp.workbench.view.meshes import Mesh
@@ -53,7 +53,7 @@ def appearance_of(robot: Robot, urdf: Callable[[], Path]) -> Appearance:
     if not isinstance(robot, Chain):
         return Appearance()
     try:
-        visuals = visuals_of(*read_xml(file), file.resolve().parent)  # none of an MJCF
+        visuals = visual_geometry(*read_xml(file), file.resolve().parent)  # none of an MJCF
         files = [Path(visual.part.mesh) for visual in visuals if visual.part.kind == "mesh"]
         return _cached(tuple(visuals), robot, tuple(each.stat().st_mtime_ns for each in files if each.exists()))
     except RobotModelError as error:

@@ -11,7 +11,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.distance import CollisionObject
 from invariantqp.geometry.shapes import Core
 from invariantqp.robots.kinematics import Robot
-from invariantqp.workbench.runs.clearancespec import Around
+from invariantqp.workbench.runs.clearancespec import ObstacleScene
 from invariantqp.workbench.runs.plant import HingeSprings
 from invariantqp.workbench.runs.scene import scene_of
 from invariantqp.workbench.runs.taskfile import Task
@@ -66,10 +66,10 @@ class Solid(NamedTuple):
     poses: Array | None  # (k, 4, 4) poses of an obstacle; None for a body of the arm
 
 
-def solids(around: Around, time: Array, m: int, reach: float) -> tuple[Solid, ...]:
+def solids(around: ObstacleScene, time: Array, m: int, reach: float) -> tuple[Solid, ...]:
     """The bodies of an arm with m joints and the obstacles, at the times (k,) of a timeline."""
     shapes, frames, clearance = [], [], around.clearance
-    for t in time.tolist() if around.moving else time.tolist()[:1]:
+    for t in time.tolist() if around.is_moving else time.tolist()[:1]:
         around.move(t)
         frames.append([placed for _, _, placed in clearance.shapes(np.zeros(m))])
     for i, (_, body, placed) in enumerate(clearance.shapes(np.zeros(m))):

@@ -26,7 +26,7 @@ from invariantqp.velocity.solution import VelocitySolution
 from invariantqp.workbench.pictures.charts import CurveChart, extremes, frame_ends
 from invariantqp.workbench.runs.plant import PlantState
 from invariantqp.workbench.runs.taskfile import Task
-from invariantqp.workbench.runs.trace import Trace, at_a_limit
+from invariantqp.workbench.runs.trace import Trace, is_limit_active
 from invariantqp.workbench.view.page import drawn, page
 from invariantqp.workbench.view.timeline import FORCE, Timeline, states, timeline_before, timeline_of
 
@@ -72,7 +72,7 @@ class Viewer:
 
     def watch(self, tick: int, state: PlantState, solution: VelocitySolution) -> None:  # noqa: ARG002 (an observer)
         """An observer for `run_task`: records a tick for the browsers."""
-        status, limited = str(solution.status), at_a_limit(solution)
+        status, limited = str(solution.status), is_limit_active(solution)
         self._ticks.append((state.q, solution.velocity, -state.wrench[3:], state.pose[:3, 3], status, limited))
 
     def show(self, timeline: Timeline) -> None:

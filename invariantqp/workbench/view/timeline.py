@@ -14,7 +14,7 @@ import numpy as np
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.screws import angular_speeds
-from invariantqp.robots.chain import Chain, Coupled
+from invariantqp.robots.chain import Chain, CoupledJoints
 from invariantqp.robots.kinematics import Robot
 from invariantqp.workbench.pictures.charts import (
     FRAMES,
@@ -163,7 +163,7 @@ def arm_in(robot: Robot, q: Array) -> dict[str, Any]:
     """The arm's attributes of a timeline at joint positions q (k, m)."""
     tool, zero = np.array([robot.pose(state) for state in q]), np.zeros(len(robot.names))
     joints, each = [robot.origins(state) for state in q], tuple(range(len(zero)))
-    made_of = robot.joints if isinstance(robot, Chain) else Coupled(robot.jacobian(zero), each, each)
+    made_of = robot.joints if isinstance(robot, Chain) else CoupledJoints(robot.jacobian(zero), each, each)
     return {
         "joints": robot.names,
         "slides": (angular_speeds(robot.jacobian(q[0])) == 0.0).tolist(),
@@ -180,7 +180,7 @@ def arm_in(robot: Robot, q: Array) -> dict[str, Any]:
 
 def _timeline(task: Task, robot: Chain, time: Array, q: Array, wanted: Array) -> Timeline:
     """A timeline without results."""
-    arm, around = arm_in(robot, q), task.around(robot)
+    arm, around = arm_in(robot, q), task.obstacle_scene(robot)
     reach = np.linalg.norm(arm["points"] - arm["points"][:, :1], axis=2).max()
     return Timeline(
         title=task.name,

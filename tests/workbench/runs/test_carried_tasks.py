@@ -12,7 +12,7 @@ ARMS = ["planar_3r", "scara"]
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_they_pass_undamped_and_unguarded(name):
+def test_arms_without_a_pitch_pass_undamped_and_unguarded(name):
     trace = iq.run_task(iq.load_task(name), dt=0.005)
     assert trace.passed, trace.shortfalls
     assert set(trace.methods) == {"closed-form"}
@@ -36,7 +36,7 @@ def test_a_pitch_form_is_blind_there_says_so_and_does_no_harm(name):
     np.testing.assert_allclose(trace.q, plain.q, atol=1e-9)
 
 
-def test_the_tool_metric_is_what_is_measured_by_without_a_form():
+def test_without_a_form_the_tool_metric_is_used():
     robot = iq.load_task("planar_3r").load_robot()
     metric = iq.tool_metric(robot)
     reach = 0.4 + 0.35 + 0.15
@@ -71,6 +71,6 @@ def test_mixed_units_need_no_joint_metric_and_take_one():
         ({"joint_metrics": [1.0, 1.0]}, r"did you mean 'joint_metric'"),
     ],
 )
-def test_what_the_law_does_not_take(law, said):
+def test_invalid_keys_of_the_law_are_refused(law, said):
     with pytest.raises(iq.errors.TaskFileError, match=said):
         task_from(content(**law), "x")

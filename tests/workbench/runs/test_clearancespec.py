@@ -38,15 +38,15 @@ def test_obstacles_are_where_the_file_says_and_go_there_and_back():
             {"kind": "capsule", "at": [1, 0, 0], "to": [1, 0, 1], "radius": 0.1},
         ]
     )
-    around = one.around(one.load_robot())
-    ball, shelf = around.obstacles[:2]
-    around.move(1.0)
-    np.testing.assert_allclose((ball.pose @ ball.placement)[:3, 3], [0.6, 0.3, 0.4], atol=1e-12)
+    obstacle_scene = one.obstacle_scene(one.load_robot())
+    ball, shelf = obstacle_scene.obstacles[:2]
+    obstacle_scene.move(1.0)
+    np.testing.assert_allclose((ball.pose @ ball.place)[:3, 3], [0.6, 0.3, 0.4], atol=1e-12)
     np.testing.assert_allclose(ball.twist, 0.0, atol=1e-12)
-    around.move(0.5)
+    obstacle_scene.move(0.5)
     np.testing.assert_allclose(ball.twist[3:], [0, -0.1 * np.pi, 0], atol=1e-12)
     np.testing.assert_allclose(2 * shelf.half, [0.4, 0.4, 0.02])
-    assert {name for pair in around.clearance.pairs for name in pair} == {
+    assert {name for pair in obstacle_scene.clearance.pairs for name in pair} == {
         "tool",
         "ball",
         "shelf",
@@ -55,7 +55,7 @@ def test_obstacles_are_where_the_file_says_and_go_there_and_back():
     }
 
 
-def test_a_run_tells_the_least_distance_and_is_judged_by_it():
+def test_a_run_records_the_least_distance_and_is_accepted_by_it():
     trace = iq.run_task(task([BALL]))
     assert trace.clearance.distance.shape == trace.time.shape
     assert trace.summary()["nearest"].endswith("tool and ball")
@@ -68,7 +68,7 @@ def test_a_run_tells_the_least_distance_and_is_judged_by_it():
     assert iq.run_task(task_from(content(), "t.toml")).summary()["least_clearance_mm"] is None
 
 
-def test_a_clearance_that_holds_the_arm_is_a_limit_that_was_active():
+def test_a_binding_clearance_counts_as_an_active_limit():
     wall = {"kind": "half-space", "name": "wall", "at": [0.55, 0.0, 0.0], "normal": [-1.0, 0.0, 0.0]}
     room = iq.run_task(task([wall])).clearance.distance[0]
     near = task([wall], distance=room - 0.0005)  # the path is twice as long
@@ -109,13 +109,13 @@ def test_the_page_has_bodies_obstacles_and_the_curve():
     ({"kind": "half-space", "turn": [0.0, 1.0, 0.0]}, "a half-space has no turn"),
     ({"kind": "arm", "source": "ur5", "start": [0.0] * 6, "moves": [0.0, 0.1, 0.0]}, "an arm has no moves"),
 ])  # fmt: skip
-def test_what_is_wrong_with_an_obstacle_is_told_with_its_place(obstacle, said):
+def test_an_error_of_an_obstacle_has_its_path(obstacle, said):
     with pytest.raises(iq.errors.TaskFileError, match=said) as caught:
         task([obstacle])
     assert "$.obstacle[0]" in str(caught.value)
 
 
-def test_one_obstacle_in_single_brackets_is_told_of_the_others():
+def test_an_obstacle_in_single_brackets_gets_advice():
     with pytest.raises(iq.errors.TaskFileError, match=r"\$\.obstacle: write \[\[obstacle\]\], of which there may be"):
         task(BALL)
 
@@ -125,26 +125,26 @@ def test_one_obstacle_in_single_brackets_is_told_of_the_others():
     ("start", [0.0, -90.0, 90.0, 0.0, 0.0, 0.0], r"obstacle\[1\].start: found joint 1 .* degrees"),
     ("end", [0.0, 0.0, 180.0, 0.0, 0.0, 0.0], r"obstacle\[1\].end: found joint 2 .* degrees"),
 ])  # fmt: skip
-def test_joints_of_another_arm_are_as_many_as_it_has_and_no_degrees(key, joints, said):
+def test_wrong_joint_positions_of_another_arm_are_refused(key, joints, said):
     arm = {"kind": "arm", "source": "ur5", "at": [1.5, 0.0, 0.0], "start": [0.0] * 6, key: joints}
     arm["end" if key == "start" else "start"] = [0.0] * len(joints)
     one = task([BALL, arm])
     robot = one.load_robot()
     with pytest.raises(iq.BadInput, match=said):
-        one.around(robot)
+        one.obstacle_scene(robot)
 
 
 @pytest.mark.filterwarnings("ignore:clearance. nothing is kept apart")
-def test_where_nothing_is_kept_apart_no_distance_is_told():
+def test_without_pairs_there_is_no_distance():
     one = task([], exclude=[])
     assert iq.run_task(one).clearance is None
 
 
-def test_a_chart_shows_what_is_near_and_ends_at_several_times_what_is_kept():
+def test_the_range_of_a_clearance_chart_is_limited():
     far, near = np.array([np.inf, 0.5, 0.03]), np.array([0.01, -0.004])
-    np.testing.assert_allclose(ClearanceTrace(far, [""] * 3, 0.02).shown[0], [0.2, 0.2, 0.03])
-    np.testing.assert_allclose(ClearanceTrace(near, [""] * 2, 0.02).shown[1], 0.04)
-    shown, most = ClearanceTrace(far, [""] * 3, 0.0).shown
+    np.testing.assert_allclose(ClearanceTrace(far, [""] * 3, 0.02).chart_range[0], [0.2, 0.2, 0.03])
+    np.testing.assert_allclose(ClearanceTrace(near, [""] * 2, 0.02).chart_range[1], 0.04)
+    shown, most = ClearanceTrace(far, [""] * 3, 0.0).chart_range
     np.testing.assert_allclose(shown, [0.5, 0.5, 0.03])
     assert most == 0.5
 
@@ -162,13 +162,12 @@ def test_the_picture_of_a_run_has_the_least_distance(tmp_path):
     assert text.count("time [s]") == 1
 
 
-def test_a_mesh_is_read_turned_scaled_and_drawn(tmp_path):
-    pytest.importorskip("coal")
+def test_a_mesh_is_scaled_placed_and_drawn(tmp_path):
     file = tmp_path / "ramp.obj"
     file.write_text("v 0 0 0\nv 400 0 0\nv 0 200 0\nv 0 0 300\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
     ramp = {"kind": "mesh", "name": "ramp", "source": str(file), "scale": 0.001, "at": [0.8, 0.5, 0.0], "hull": True}
     one = task([ramp])
-    made = one.around(one.load_robot()).obstacles[0]
+    made = one.obstacle_scene(one.load_robot()).obstacles[0]
     np.testing.assert_allclose(2.0 * made.half, [0.4, 0.2, 0.3])
     np.testing.assert_allclose(made.placement[:3, 3], [1.0, 0.6, 0.15])
     drawn = timeline_of(iq.run_task(one)).solids[-1]
@@ -176,4 +175,4 @@ def test_a_mesh_is_read_turned_scaled_and_drawn(tmp_path):
     missing = task([{**ramp, "source": "nowhere.stl"}])
     robot = missing.load_robot()
     with pytest.raises(iq.BadInput, match="no mesh at"):
-        missing.around(robot)
+        missing.obstacle_scene(robot)

@@ -96,7 +96,7 @@ def test_an_elastic_path_is_as_fast_as_what_counts_of_it():
         {"law": {"exact": "twist"}},
     ],
 )
-def test_what_needs_the_whole_pose_is_refused(more):
+def test_keys_that_need_the_whole_pose_are_refused(more):
     with pytest.raises(iq.errors.TaskFileError, match='target = "point" is for a path alone; leave out'):
         task_from(content(path__target="point") | more, "t.toml")
 
@@ -104,7 +104,7 @@ def test_what_needs_the_whole_pose_is_refused(more):
 @pytest.mark.parametrize(
     ("key", "value"), [("target", "points"), ("target", None), ("tool_axis", [0, 0, 0]), ("tool_axis", [1, 0])]
 )
-def test_a_wrong_key_is_named(key, value):
+def test_a_wrong_key_has_its_path(key, value):
     wrong = content()
     wrong["path"][key] = value
     with pytest.raises(iq.errors.TaskFileError, match=rf"\$\.path\.{key}"):

@@ -1,15 +1,14 @@
 """MuJoCo's model of an arm and a contact, against Pinocchio, a spring's law and statics."""
 
+import mujoco
 import numpy as np
 import pytest
 
 import invariantqp as iq
-from invariantqp.robots.load import IN_DATA, urdf_of
+from invariantqp.robots.load import EXAMPLE_ROBOTS, urdf_of
 from invariantqp.workbench.runs.contactspec import Physics
+from invariantqp.workbench.runs.mujoco import MujocoPlant
 from invariantqp.workbench.runs.plant import HingeSprings, Plane, SimulatedSensor, SurfaceSprings
-
-mujoco = pytest.importorskip("mujoco")
-from invariantqp.workbench.runs.mujoco import MujocoPlant  # noqa: E402
 
 READY = np.array([0.0, 0.1, 0.0, -2.2, 0.0, 2.3, 0.785])
 SILENT = Physics(force_noise=0.0, moment_noise=0.0)
@@ -22,8 +21,8 @@ def panda(touch=None, wrist=None, physics=SILENT):
     return robot, MujocoPlant(urdf_of("panda"), robot, READY, DT, touch, wrist, physics)
 
 
-@pytest.mark.parametrize("name", IN_DATA)
-def test_two_readers_of_a_urdf_agree(name):
+@pytest.mark.parametrize("name", EXAMPLE_ROBOTS)
+def test_kinematics_agree_with_mujocos(name):
     robot = iq.load_robot(name)
     rng = np.random.default_rng(0)
     q = rng.uniform(np.maximum(robot.position_lower, -2.0), np.minimum(robot.position_upper, 2.0))
@@ -58,7 +57,7 @@ def touches(T):
 
 
 @pytest.mark.parametrize("kind", ["point", "edge", "face", "hinge"])
-def test_at_rest_the_contact_is_the_spring_and_the_sensor_feels_it(kind):
+def test_at_rest_contact_and_sensor_agree_with_the_springs(kind):
     robot = iq.load_robot("panda")
     touch = touches(robot.pose(READY))[kind]
     wrist = SimulatedSensor(iq.transform(translation=[0.02, 0.0, -0.12]), 0.3, (0.01, 0.0, 0.05))
@@ -75,7 +74,7 @@ def test_at_rest_the_contact_is_the_spring_and_the_sensor_feels_it(kind):
     np.testing.assert_allclose(felt, now.wrench + np.concatenate((np.cross(at, weight), weight)), atol=2e-3)
 
 
-def test_a_velocity_loop_lags_as_asked_and_carries_its_load():
+def test_velocity_loops_have_the_lag_and_carry_their_load():
     robot, plant = panda(physics=SILENT.model_copy(update={"lag": 0.02}))
     speed = 0.2
     travelled = []
@@ -88,7 +87,7 @@ def test_a_velocity_loop_lags_as_asked_and_carries_its_load():
     assert robot.names == tuple(mujoco.mj_id2name(plant.model, mujoco.mjtObj.mjOBJ_ACTUATOR, i) for i in range(7))
 
 
-def test_sliding_meets_friction_and_no_more():
+def test_sliding_has_coulomb_friction():
     robot = iq.load_robot("panda")
     T = robot.pose(READY)
     touch = touches(T)["point"]
@@ -119,7 +118,7 @@ def test_a_nut_goes_along_its_thread():
     assert powers.mean() == pytest.approx(-SILENT.hinge_friction, rel=0.02)
 
 
-def test_commands_are_late_as_asked():
+def test_commands_act_after_the_dead_time():
     moved = []
     for delay in (0.0, 3 * DT):
         _, plant = panda(physics=SILENT.model_copy(update={"delay": delay}))
@@ -132,7 +131,7 @@ def test_commands_are_late_as_asked():
     np.testing.assert_allclose(plant.state().q, moved[0], atol=1e-12)
 
 
-def test_noise_is_what_was_asked_and_can_be_had_again():
+def test_noise_has_its_deviation_and_seed():
     def readings(seed):
         _, plant = panda(physics=Physics(force_noise=1.0, moment_noise=0.1, seed=seed))
         return np.array([plant.measure().wrench for _ in range(2000)])
@@ -143,7 +142,7 @@ def test_noise_is_what_was_asked_and_can_be_had_again():
     assert not np.array_equal(once, readings(4))
 
 
-def test_what_has_no_model_is_refused():
+def test_unsupported_contacts_and_robots_are_refused():
     robot = iq.load_robot("panda")
     T = robot.pose(READY)
     slanted = Plane(T[:3, 3], np.array([0.0, 0.0, 1.0]), (np.array([0.1, 0.0, 0.0]), np.array([0.1, 0.1, 0.0])))

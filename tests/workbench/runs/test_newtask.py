@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import invariantqp as iq
-from invariantqp.workbench.runs.newtask import PATHS, TABLES, new_task, well_placed
+from invariantqp.workbench.runs.newtask import PATHS, TABLES, new_task, well_conditioned_start
 from invariantqp.workbench.runs.section import toml
 from invariantqp.workbench.runs.taskfile import Task, task_from, tomllib
 
@@ -53,7 +53,7 @@ def test_every_key_is_explained():
 
 def test_the_start_is_far_from_singular():
     robot = iq.load_robot("ur5")
-    q = well_placed(robot)
+    q = well_conditioned_start(robot)
     assert (robot.position_lower < q).all()
     assert (q < robot.position_upper).all()
     assert np.linalg.cond(robot.jacobian(q)) < 20.0  # at the middle of the range the arm is stretched out: 1e16

@@ -1,4 +1,4 @@
-"""The ideal plant: an arm that moves as it is told, and springs with the laws of springs."""
+"""The ideal plant and its springs."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def turned(axis, angle, point=(0.0, 0.0, 0.0)):
     return iq.exp(angle * iq.revolute(axis, point))
 
 
-def test_a_surface_pushes_in_proportion_and_does_not_pull():
+def test_a_surface_pushes_in_proportion_to_depth_and_does_not_pull():
     pen = SurfaceSprings(np.zeros((1, 3)), Plane(np.zeros(3), UP), 2e4)
     at = np.array([0.3, -0.2, -0.001])
     pushed = pen.wrench(iq.transform(translation=at))
@@ -27,7 +27,7 @@ def test_a_surface_pushes_in_proportion_and_does_not_pull():
     np.testing.assert_array_equal(pen.wrench(iq.transform(translation=-at)), np.zeros(6))
 
 
-def test_what_turns_an_edge_or_a_face_back_follows_from_where_its_points_are():
+def test_the_tilting_stiffness_of_an_edge_and_a_face():
     """k L^2 / 4 about an edge's middle, k b^2 / 4 and k a^2 / 4 for a face of sides a and b."""
     k, angle, deep = 2e4, 1e-4, iq.transform(translation=[0.0, 0.0, -0.001])
     edge = SurfaceSprings(EDGE, Plane(np.zeros(3), UP), k)
@@ -49,7 +49,7 @@ def test_a_tilted_face_rests_on_the_corners_that_reach():
     assert tipped[5] == pytest.approx(5e3 * 2 * 0.03 * np.sin(0.1))
 
 
-def test_a_door_follows_and_resists_what_it_cannot_follow():
+def test_a_door_turns_freely_and_resists_other_motions():
     home = motion(np.random.default_rng(0), 0.5)
     axis, point = np.array([0.0, 0.6, 0.8]), home[:3, 3] + [0.3, 0.0, 0.1]
     door = iq.revolute(axis, point)
@@ -78,7 +78,7 @@ def test_the_wrench_is_the_gradient_of_the_springs_energy():
         assert slope == pytest.approx(-touch.wrench(T) @ s, rel=1e-5, abs=1e-6)
 
 
-def test_the_plant_moves_as_told_and_its_sensor_feels_contact_and_weight():
+def test_the_plant_moves_as_commanded_and_its_sensor_measures_contact_and_weight():
     robot = iq.load_robot("panda")
     T = robot.pose(READY)
     real = SimulatedSensor(motion(np.random.default_rng(1), 0.1), 0.4, (0.01, 0.02, 0.03))
@@ -98,7 +98,7 @@ def test_the_plant_moves_as_told_and_its_sensor_feels_contact_and_weight():
     np.testing.assert_allclose(task_sensor.wrench(measured.wrench, now.pose), -now.wrench, atol=1e-10)
 
 
-def test_a_late_plant_does_what_it_was_told_a_dead_time_ago():
+def test_commands_act_after_the_dead_time():
     robot = iq.load_robot("panda")
     plant = IdealPlant(robot, READY, 0.004, delay=0.012)
     velocity = np.linspace(-0.1, 0.1, 7)

@@ -10,7 +10,7 @@ from support.task_files import content, run_displaced
 
 import invariantqp as iq
 from invariantqp.workbench.runs.controllers import our_controller
-from invariantqp.workbench.runs.path import eased
+from invariantqp.workbench.runs.path import minimum_jerk
 from invariantqp.workbench.runs.taskfile import shipped_tasks, task_from
 from invariantqp.workbench.runs.trace import PathTrace
 
@@ -26,7 +26,7 @@ def panda(**changes):
 
 @cache
 def run_of(name):
-    """The run of a shipped task, of which several tests ask something."""
+    """The run of a shipped task, computed once."""
     return iq.run_task(iq.load_task(name))
 
 
@@ -47,7 +47,7 @@ def test_shipped_tasks_are_accepted(name):
     assert "held" not in hurried.statuses
 
 
-def test_the_trace_is_what_happened():
+def test_the_trace_records_the_run():
     done = []
     trace = iq.run_task(panda(), observer=lambda k, *_: done.append(k))
     n = 25
@@ -66,7 +66,7 @@ def test_the_trace_is_what_happened():
 def test_the_figures_of_a_run():
     trace = iq.run_task(panda())
     figures = json.loads(json.dumps(trace.as_json()))
-    asked = {
+    required = [
         "task",
         "passed",
         "ticks",
@@ -80,8 +80,8 @@ def test_the_figures_of_a_run():
         "tick_us",
         "force_error_relative_rms",
         "q",
-    }
-    assert asked <= set(figures)
+    ]
+    assert set(required) <= set(figures)
     for key in ("position_error_mm", "orientation_error_deg"):
         assert set(figures[key]) == {"median", "p99", "max"}
     assert {"median", "p99"} <= set(figures["tick_us"])
@@ -115,7 +115,7 @@ def test_more_than_the_acceleration_limit_is_not_accepted():
     assert "limit violation 0.0028" in trace.shortfalls[0]
 
 
-def test_the_panda_of_the_first_page_keeps_what_its_maker_allows():
+def test_panda_path_keeps_the_makers_acceleration_limits():
     task = iq.load_task("panda_path")
     assert task.law.acceleration_limit == [15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0]
     trace = run_of("panda_path")
@@ -130,7 +130,7 @@ def test_the_panda_of_the_first_page_keeps_what_its_maker_allows():
     assert max(speed) < 1e-6  # the path begins and ends at rest [m/s]
 
 
-def test_what_was_missed_is_said():
+def test_missed_acceptance_limits_are_named():
     trace = iq.run_task(panda(accept__position_error_mm=1e-9))
     assert not trace.passed
     assert "largest position error" in trace.shortfalls[0]
@@ -157,7 +157,7 @@ def test_overrides_are_checked_as_the_file_is(key):
     assert caught.value.argument == key
 
 
-def test_overrides_and_arguments_that_do_not_exist():
+def test_invalid_overrides_and_arguments_are_refused():
     with pytest.raises(iq.BadInput, match="overrides: found pitches; expected some of dt, gain, form, damping"):
         iq.run_task(panda(), pitches=0.3)
     with pytest.raises(iq.BadInput, match="task: found 'panda_path'; expected a Task, such as load_task returns"):
@@ -203,7 +203,7 @@ def test_a_displaced_tool_frame_changes_no_joint(exact):
         assert np.abs(plain.q - run_displaced(task, X, exact=exact).q).max() < 1e-8
 
 
-def test_our_law_does_not_change():
+def test_displaced_frames_do_not_change_our_controller():
     (ours,) = iq.workbench.frame_check(limited_panda(), seed=1)
     assert (ours.law, ours.force_error) == ("invariantqp", None)
     assert ours.change < 1e-8
@@ -226,7 +226,7 @@ def test_a_start_in_degrees_is_refused():
         iq.run_task(panda(robot__start=[0.0, -30.0, 0.0, -115.0, 0.0, 90.0, 45.0]))
 
 
-def test_a_near_principal_pitch_is_warned_of():
+def test_a_near_principal_pitch_gives_a_warning():
     task = iq.load_task("so101_line")
     near = iq.principal_pitches(task.load_robot().jacobian(task.start()))
     h = float(near[np.abs(near).argmax()]) * 1.02
@@ -236,7 +236,7 @@ def test_a_near_principal_pitch_is_warned_of():
 
 def test_motion_starts_and_ends_at_rest():
     u = np.linspace(-0.5, 1.5, 2001)
-    sigma = np.array([eased(x) for x in u])
+    sigma = np.array([minimum_jerk(x) for x in u])
     assert sigma[0] == 0.0
     assert sigma[-1] == 1.0
     assert (np.diff(sigma) >= 0.0).all()
@@ -245,7 +245,7 @@ def test_motion_starts_and_ends_at_rest():
     assert abs(rate[np.abs(u - 1.0).argmin()]) < 1e-4
 
 
-def test_an_elastic_path_is_late_and_not_off():
+def test_an_elastic_path_is_late_but_accurate():
     trace = run_of("ur5_elastic")
     figures = trace.summary()
     assert figures["path_lag"] == pytest.approx(0.001 * figures["ticks"] - trace.task.path.duration, abs=0.002)
@@ -254,12 +254,12 @@ def test_an_elastic_path_is_late_and_not_off():
     assert 0.0 < figures["path_speed"]["median"] < 1.0
 
 
-def test_what_slowed_a_path_down_is_counted_on_the_way():
+def test_slowdowns_are_counted_while_the_tool_moves():
     ruling = ["velocity of joint 0", "the rate asked for", "settling", "settling", "the path's end"]
     speed = np.array([0.5, 1.0, 0.0, 0.0, 0.0])
     along = PathTrace(np.zeros(5), speed, np.zeros(5), ruling, np.zeros((6, 4, 4)), "done")
-    assert along.slowed == {"velocity of joint 0": 0.5}
-    assert along.driven.tolist() == [0.5, 1.0]
+    assert along.slowdowns == {"velocity of joint 0": 0.5}
+    assert along.moving_speed.tolist() == [0.5, 1.0]
 
 
 def test_an_elastic_path_is_the_same_in_any_frame_of_the_tool():

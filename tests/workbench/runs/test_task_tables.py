@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import get_args
 
 from invariantqp.workbench.runs.clearancespec import BodySpec, ObstacleSpec
-from invariantqp.workbench.runs.newtask import PATHS, TABLES, default_of, meaning
+from invariantqp.workbench.runs.newtask import PATHS, TABLES, key_default, section_description
 from invariantqp.workbench.runs.section import toml
 from invariantqp.workbench.runs.taskfile import Screw, Task
 
@@ -25,7 +25,7 @@ def reference():
         heads = f"[[{header}]]" if section in SEVERAL else f"[{header}]"
         title = f"### {heads}{f', kind = {json.dumps(kind)}' if kind else ''}"
         fields = {name: field for name, field in section.model_fields.items() if not (kind and name == "kind")}
-        parts.append(f"{title}\n\n{meaning(section)}\n\n{rows(fields)}")
+        parts.append(f"{title}\n\n{section_description(section)}\n\n{rows(fields)}")
     return "\n\n".join(parts) + "\n"
 
 
@@ -33,7 +33,7 @@ def rows(fields):
     """A Markdown table of keys."""
     lines = ["| key | default | example | meaning |", "|---|---|---|---|"]
     for name, field in fields.items():
-        default = default_of(field)
+        default = key_default(field)
         shown = "required" if field.is_required() else "" if default is None else f"`{toml(default)}`"
         example = f"`{toml(field.examples[0])}`" if field.examples else ""
         choices = [json.dumps(word) for word in get_args(field.annotation) if isinstance(word, str)]

@@ -18,7 +18,7 @@ from invariantqp.workbench.runs.taskfile import LawSpec, shipped_tasks, task_fro
 SCREW, ZERO = {"axis": [0.0, 0.0, 1.0]}, [0, 0, 0]
 GONE = {"kind": "hold", "duration": 1.0, "begin": 0.5, "end": 0.2}
 COMPLEMENTS = {"h": 0.3, "complement": [[0, 0, 0, 0, 0, 1.0]]}
-# what is changed, the path told, what is said, what would be right
+# changes, path of the error, its message, its advice
 PROBLEMS = {
     "typo in a section": ({"law__gian": 3.0}, "$.law.gian", "not permitted", "(did you mean 'gain'?)"),
     "typo at the top": ({"robots": {}}, "$.robots", "not permitted", "(did you mean 'robot'?)"),
@@ -73,7 +73,7 @@ PROBLEMS = {
     "soft": (pen(contact={"stiffness": 0.0}), "$.contact.stiffness", "greater than 0", "= 20000.0)"),
     "no press": ({"contact": PEN["contact"], "force": {}}, "$.force.press", "required", "(for example: press = 5.0)"),
     "force typo": (pen(force={"presss": 5.0}), "$.force.presss", "not permitted", "(did you mean 'press'?)"),
-    "two complements": (pen(force=COMPLEMENTS), "$.force", "h and complement both say what Z is", ""),
+    "two complements": (pen(force=COMPLEMENTS), "$.force", "h and complement both define Z", ""),
     "deadband": (
         pen(sensor={"force_deadband": -1.0}),
         "$.sensor.force_deadband",
@@ -110,7 +110,7 @@ def test_a_laws_keys_are_the_controllers_arguments():
 
 
 @pytest.mark.parametrize("case", PROBLEMS)
-def test_every_problem_has_its_path_and_what_would_be_right(case):
+def test_every_error_has_its_path_and_advice(case):
     changes, where, said, right = PROBLEMS[case]
     with pytest.raises(iq.errors.TaskFileError) as caught:
         task_from(content(**changes), "t.toml")
@@ -122,7 +122,7 @@ def test_every_problem_has_its_path_and_what_would_be_right(case):
     assert problem in str(error)
 
 
-def test_all_problems_are_told_at_once():
+def test_all_errors_are_listed_at_once():
     with pytest.raises(iq.errors.TaskFileError, match=r"t\.toml: 3 problems\n") as caught:
         task_from(content(law__gian=1.0, path__duration=-1.0, robot__start=None), "t.toml")
     assert len(caught.value.problems) == 3
@@ -151,7 +151,7 @@ SEVERAL = {
 
 
 @pytest.mark.parametrize("case", SEVERAL)
-def test_what_does_not_fit_beside_a_wrong_key_is_told_with_it(case):
+def test_errors_beside_a_wrong_key_are_listed_with_it(case):
     changes, said = SEVERAL[case]
     with pytest.raises(iq.errors.TaskFileError) as caught:
         prepare(task_from(content(**changes), "t.toml"))
@@ -176,7 +176,7 @@ def test_one_of_source_and_screws(both):
         task_from(content(**changes), "t.toml")
 
 
-def test_files_that_are_none(tmp_path):
+def test_an_unreadable_task_file_is_refused(tmp_path):
     with pytest.raises(iq.errors.UnknownName, match=r"unknown task 'arm_3rr'; did you mean arm_3r"):
         iq.load_task("arm_3rr")
     with pytest.raises(iq.errors.UnknownName, match="unknown task"):
@@ -208,7 +208,7 @@ def test_a_urdf_beside_the_task_file(tmp_path):
 
 
 @pytest.mark.parametrize("name", shipped_tasks())
-def test_shipped_tasks_decode_and_say_what_they_are(name):
+def test_shipped_tasks_have_a_name_a_sentence_and_a_valid_start(name):
     task = iq.load_task(name)
     assert task.name == name
     assert task.about
@@ -225,7 +225,7 @@ def test_a_task_is_named_by_text_or_a_path(given):
 
 
 @pytest.mark.parametrize("name", ["", ".", "/", "a" * 300, "no\0name"])
-def test_what_no_file_is_called_is_an_unknown_task(name):
+def test_an_impossible_file_name_is_an_unknown_task(name):
     with pytest.raises((iq.errors.UnknownName, iq.errors.TaskFileError)):
         iq.load_task(name)
 
@@ -261,7 +261,7 @@ ODD = [0.0, -0.0, 1.0, -1.0, 1e-300, 1e-12, 1e-3, 1e3, 1e12, -1e12, 1e300, float
 
 
 @pytest.mark.parametrize("position", [-1.0, 7.0])
-def test_a_start_that_a_loop_would_hold_is_refused(position):
+def test_a_start_far_outside_its_limits_is_refused(position):
     """A radian outside its range a joint stood still for the whole run, and its forces were no numbers."""
     file = copy.deepcopy(FILES["a pen"])
     file["robot"]["start"][5] = position
@@ -271,7 +271,7 @@ def test_a_start_that_a_loop_would_hold_is_refused(position):
 
 @settings(max_examples=repeats(100, 50), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(data=st.data())
-def test_odd_numbers_run_or_are_told(data):
+def test_odd_numbers_run_or_are_refused(data):
     """Whatever number stands in a file: a run with finite velocities inside limits, or one of our errors."""
     file = copy.deepcopy(FILES[data.draw(st.sampled_from(sorted(FILES)))])
     *parents, last = data.draw(st.sampled_from(list(numbers(file))))

@@ -188,7 +188,7 @@ def test_faces_lie_on_what_is_touched_and_cover_the_path(shape):
     faces = timeline.surroundings.faces
     assert faces.shape[1:] == (4, 3)
     np.testing.assert_allclose(distances(surface, faces), 0.0, atol=1e-12)
-    for p in trace.contact.drawn:  # beside each point of the path there is a corner, and corners all round
+    for p in trace.contact.position:  # beside each point of the path there is a corner, and corners all round
         from_here = (faces.reshape(-1, 3) - p)[:, :2]
         assert np.linalg.norm(from_here, axis=1).min() < 0.05
         assert (from_here.min(axis=0) < -0.03).all()

@@ -1,4 +1,4 @@
-"""Least squares with the usual damping, as a controller of `run_task`: what our own law is measured against.
+"""Damped least squares as a controller of `run_task`: the reference that our law is compared with.
 
     minimise |A x - b|^2 + eps |x - x_p|^2 + mu |x|^2   inside the joint limits, with the exact rows C x = e
     A = root J, b = root s     at the law's point, a radian counting as the law's length
@@ -40,7 +40,7 @@ class LeastSquares:
         ahead = np.zeros(6) if feedforward is None else np.asarray(feedforward)
         if not all(np.isfinite(x).all() for x in (q, target.homogeneous, ahead)):
             raise ValueError("an input is not finite")
-        state = self.robot.sight(q, target)
+        state = self.robot.state(q, target)
         root = self.measure.root_for(state.J, state.pose)
         A, b = root @ state.J, root @ (self.gain * state.error + ahead)
         C, e = A[:0], b[:0]

@@ -1,6 +1,6 @@
-"""Arms cut out of Pinocchio models, as chains of joint screws, and back: the shapes of an arm beside its model.
+"""Arms of Pinocchio models as `Chain`s, and the collision model of an arm.
 
-Only the joints between base and tool are taken: a humanoid's arm is a seven-joint robot.
+Only the joints between base and tool are taken: a humanoid's arm is a robot with seven joints.
 """
 
 from __future__ import annotations
@@ -21,54 +21,57 @@ from invariantqp.robots.kinematics import UNLIMITED
 from invariantqp.robots.pinocchio import pin
 from invariantqp.robots.tree import (
     NOT_SINGLE,
-    NOWHERE,
+    UNPLACED,
     Mimic,
     TreeJoint,
-    also,
-    cannot_move,
     coupled_joints,
-    notes_of,
-    resting,
-    selected,
-    usual_tools,
+    default_tools,
+    joint_notes,
+    not_movable,
+    other_tools,
+    rest_positions,
+    selected_joints,
 )
-from invariantqp.robots.urdf import excluded, open_limit
+from invariantqp.robots.urdf import excluded_pairs, infinite_if_large
 
 
 def load_model(model: pin.Model, tool: str | None, joints: Sequence[str] | None) -> Chain:
-    """The arm from the root of a `pinocchio.Model`, which is left as it is, to a frame; else as in `load_robot`."""
+    """The arm from the root of a `pinocchio.Model` to a frame, as in `load_robot`; the model does not change."""
     arrays.instance(model, pin.Model, "source", "a pinocchio.Model")
     name = f"the model {model.name!r}"
     tree, drivers = _tree(model), _drivers(model)
     paths = {frame.name: [tree[i] for i in _support(model, frame)] for frame in model.frames}
-    tools = _usual_tools(model, paths) if tool is None else [tool]
+    tools = _default_tools(model, paths) if tool is None else [tool]
     tool = tools[0]
     index = _frame(model, tool)
-    can = {model.names[i]: i for i in _support(model, model.frames[index]) if i not in drivers}
-    moving = [can[joint] for joint in selected(name, tool, list(can), list(model.names)[1:], joints)]
+    movable = {model.names[i]: i for i in _support(model, model.frames[index]) if i not in drivers}
+    moving = [movable[joint] for joint in selected_joints(name, tool, list(movable), list(model.names)[1:], joints)]
     for i in moving:
         if model.nvs[i] != 1:
-            raise cannot_move(name, model.names[i], NOT_SINGLE.format(model.joints[i].shortname()))
+            raise not_movable(name, model.names[i], NOT_SINGLE.format(model.joints[i].shortname()))
     q = np.clip(pin.neutral(model), model.lowerPositionLimit, model.upperPositionLimit)
     for i in moving:
         q[model.idx_qs[i] : model.idx_qs[i] + model.nqs[i]] = pin.neutral(model)[model.idx_qs[i] :][: model.nqs[i]]
     names, path = [model.names[i] for i in moving], [tree[i] for i in _support(model, model.frames[index])]
-    notes = (*also(tools, paths), *notes_of(list(tree.values()), paths, path, names, resting(list(tree.values()))))
+    notes = (
+        *other_tools(tools, paths),
+        *joint_notes(list(tree.values()), paths, path, names, rest_positions(list(tree.values()))),
+    )
     return _chain(model, q, index, moving, names, notes)[0]
 
 
 def collision_model(robot: Chain) -> pin.GeometryModel:
-    """The shapes of an arm's links as a `pinocchio.GeometryModel` beside `robot.model`, for SelfCollisionBarrier.
+    """The shapes of an arm's links as a `pinocchio.GeometryModel` for `robot.model`, for Pink's SelfCollisionBarrier.
 
-    Its pairs are those of links that are neither neighbours nor excluded by the robot's description.
+    Pairs of neighbouring links, and those that the robot's description excludes, are left out.
     """
-    from invariantqp.geometry.coal import shape_of  # coal and the search for capsules are loaded where they are needed
+    from invariantqp.geometry.coal import shape_of  # coal and the search for capsules are loaded only here
     from invariantqp.robots.bodies import bodies_of
 
     bodies, known = bodies_of(robot), {link.name: link for link in robot.links}
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, np.zeros(robot.model.nq))
-    made, apart = pin.GeometryModel(), excluded(robot)
+    made, exclusions = pin.GeometryModel(), excluded_pairs(robot)
     indices: dict[str, list[int]] = {}
     for name, shapes in bodies.items():
         link = known[name]
@@ -77,7 +80,7 @@ def collision_model(robot: Chain) -> pin.GeometryModel:
             one = pin.GeometryObject(f"{name}_{i}", link.body, place, shape_of(shape))
             indices.setdefault(name, []).append(made.addGeometryObject(one))
     for one, other in combinations(indices, 2):
-        if abs(known[one].body - known[other].body) > 1 and frozenset((one, other)) not in apart:
+        if abs(known[one].body - known[other].body) > 1 and frozenset((one, other)) not in exclusions:
             for i in indices[one]:
                 for j in indices[other]:
                     made.addCollisionPair(pin.CollisionPair(i, j))
@@ -85,10 +88,9 @@ def collision_model(robot: Chain) -> pin.GeometryModel:
 
 
 def chain_to(model: pin.Model, frame: str) -> tuple[Chain, NDArray[np.intp]]:
-    """The joints of any model that move a frame, as screws from the neutral configuration, and their tangent indices.
+    """The joints of a model that move a frame, as screws at the neutral configuration, and their tangent indices.
 
-    A free flyer, a ball or a planar joint is as many screws as it has degrees of freedom; without limits, like every
-    joint whose coordinate is not one number.
+    A free flyer, a ball or a planar joint has one screw without limits for each degree of freedom.
     """
     index = _frame(model, frame)
     joints = [i for i in _support(model, model.frames[index]) if model.nvs[i] > 0]
@@ -97,14 +99,14 @@ def chain_to(model: pin.Model, frame: str) -> tuple[Chain, NDArray[np.intp]]:
     return _chain(model, pin.neutral(model), index, joints, ())
 
 
-def _usual_tools(model: pin.Model, paths: dict[str, list[TreeJoint]]) -> list[str]:
-    """As `usual_tools`; without links the frame at the end of the longest chain."""
+def _default_tools(model: pin.Model, paths: dict[str, list[TreeJoint]]) -> list[str]:
+    """As `default_tools`; in a model without links, the frame at the end of the longest chain."""
     links = [frame.name for frame in model.frames if frame.type == pin.FrameType.BODY]
-    return usual_tools({name: paths[name] for name in links}) if links else [max(paths, key=lambda k: len(paths[k]))]
+    return default_tools({name: paths[name] for name in links}) if links else [max(paths, key=lambda k: len(paths[k]))]
 
 
 def _tree(model: pin.Model) -> dict[int, TreeJoint]:
-    """The joints of a model, without their places."""
+    """The joints of a model, without their poses."""
     links = [frame for frame in model.frames if frame.type == pin.FrameType.BODY]
     drivers, child = _drivers(model), {frame.parentJoint: frame.name for frame in reversed(links)}
     tree = {}
@@ -116,12 +118,12 @@ def _tree(model: pin.Model) -> dict[int, TreeJoint]:
             joint = model.joints[i].extract()
             mimic = Mimic(model.names[drivers[i]], joint.scaling, joint.offset)
         limits = (-np.inf, np.inf) if mimic else _limits(model, i)
-        tree[i] = TreeJoint(model.names[i], kind, above, child.get(i, ""), *NOWHERE, *limits, mimics=mimic)
+        tree[i] = TreeJoint(model.names[i], kind, above, child.get(i, ""), *UNPLACED, *limits, mimics=mimic)
     return tree
 
 
 def _drivers(model: pin.Model) -> dict[int, int]:
-    """The joint that drives each mimic joint; a model has these where it was built with mimic=True."""
+    """The joint that drives each mimic joint, in a model built with mimic=True."""
     return dict(zip(getattr(model, "mimicking_joints", ()), getattr(model, "mimicked_joints", ()), strict=True))
 
 
@@ -162,18 +164,18 @@ def _limits(model: pin.Model, joint: int) -> tuple[float, float]:
     low, high = model.lowerPositionLimit[at], model.upperPositionLimit[at]
     if not (model.nqs[joint] == model.nvs[joint] == 1 and low <= high):
         return -np.inf, np.inf
-    return open_limit(low), open_limit(high)
+    return infinite_if_large(low), infinite_if_large(high)
 
 
 def _frame(model: pin.Model, name: str) -> int:
-    """The index of a frame; of a link rather than a joint of the same name."""
-    found = [i for i, frame in enumerate(model.frames) if frame.name == name]
-    if not found:
+    """The index of a frame; of two with the same name the link's."""
+    indices = [i for i, frame in enumerate(model.frames) if frame.name == name]
+    if not indices:
         known = [frame.name for frame in model.frames]
         raise UnknownName("frame", name, difflib.get_close_matches(name, known), known)
-    return max(found, key=lambda i: model.frames[i].type == pin.FrameType.BODY)
+    return max(indices, key=lambda i: model.frames[i].type == pin.FrameType.BODY)
 
 
 def _support(model: pin.Model, frame: Any) -> list[int]:
-    """The joints from the base up to the one that carries a frame."""
+    """The joints from the base to the one that carries a frame."""
     return [i for i in model.supports[frame.parentJoint] if i > 0]
