@@ -15,7 +15,7 @@ namespace iq {
 
 namespace nb = nanobind;
 
-// What numbers an argument may have, beside that none is NaN.
+// Whether infinite numbers are allowed; NaN never is.
 enum class Numbers { finite, any };
 
 [[noreturn]] inline void refuse(const std::string& what) { throw nb::value_error(what.c_str()); }
@@ -49,8 +49,8 @@ class Reader {
     }
     double* read(nb::handle value, const char* name, int ndim, npy_intp* shape, Numbers numbers)
     {
-        nb::object kept;
-        PyArrayObject* a = checked(value, name, ndim, shape, kept);
+        nb::object owner;
+        PyArrayObject* a = checked(value, name, ndim, shape, owner);
         npy_intp count = 1;
         for (int i = 0; i < ndim; i++)
             count *= shape[i];
@@ -60,13 +60,13 @@ class Reader {
             refuse(std::string(name) + wrong);
         return p;
     }
-    // The array itself, for rows that are read one by one; it is `kept`.
-    static PyArrayObject* checked(nb::handle value, const char* name, int ndim, npy_intp* shape, nb::object& kept)
+    // The array itself, to be read row by row; `owner` keeps a converted one alive.
+    static PyArrayObject* checked(nb::handle value, const char* name, int ndim, npy_intp* shape, nb::object& owner)
     {
         PyArrayObject* a = reinterpret_cast<PyArrayObject*>(value.ptr());
         if (!PyArray_CheckExact(value.ptr()) || PyArray_TYPE(a) != NPY_DOUBLE || !PyArray_ISBEHAVED_RO(a)) {
-            kept = converted(value, name);
-            a = reinterpret_cast<PyArrayObject*>(kept.ptr());
+            owner = converted(value, name);
+            a = reinterpret_cast<PyArrayObject*>(owner.ptr());
         }
         bool fits = PyArray_NDIM(a) == ndim;
         for (int i = 0; fits && i < ndim; i++)

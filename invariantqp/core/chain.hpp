@@ -193,8 +193,8 @@ class Chain {
             advance(T, joint, q, J);
         return T * home;
     }
-    // What each joint does to the frames behind it, exp(q_1 S_1) ... exp(q_i S_i), from where they are at q = 0;
-    // i = 0, the base, to the last joint. Returns the tool pose.
+    // The displacements exp(q_1 S_1) ... exp(q_i S_i) of the links from q = 0, for i = 0, the base, to the last joint.
+    // Returns the tool pose.
     Pose motions(const double* q, Mat J, Pose* motions) const
     {
         Pose T;

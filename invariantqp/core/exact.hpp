@@ -44,7 +44,7 @@ inline ExactRows whitened(const Tick& tick, Workspace& w)
     const Vec demand = f + e;
     if (const double most = std::max(demand.norm(), LEAST_DEMAND * terms.norm()); most > 0)
         rows.inconsistency = (demand - t(M) * (M * demand)).norm() / most;
-    rows.inconsistency = rows.inconsistency > 10 * ROUNDING ? rows.inconsistency : 0;
+    rows.inconsistency = rows.inconsistency > SOLVED ? rows.inconsistency : 0;
     for (int i = 0; i < M.rows; i++)
         M[i].scale(1 / svd.sigma[i]);
     rows.E = M * E, rows.D = M * D, rows.f = M * f, rows.e = M * e;

@@ -93,9 +93,9 @@ inline std::optional<Formed> formed(const Tick& tick, Mat J, Mat B, const SVD& s
     }
     if (tick.guard >= 0) {
         const int few = svd.rank(ROUNDING);
-        const Vec least_f = svd.least(f, few), least_e = svd.least(e, few), beside = found.x_f + found.x_e - least_f - least_e;
+        const Vec least_f = svd.least(f, few), least_e = svd.least(e, few), step = found.x_f + found.x_e - least_f - least_e;
         const double most = (B * (least_f + least_e)).norm();
-        found.form_share = std::min(1.0, std::sqrt(1 - tick.guard) * most / std::max((B * beside).norm(), TINY));
+        found.form_share = std::min(1.0, std::sqrt(1 - tick.guard) * most / std::max((B * step).norm(), TINY));
         found.x_f = least_f + found.form_share * (found.x_f - least_f);
         found.x_e = least_e + found.form_share * (found.x_e - least_e);
     }

@@ -33,7 +33,7 @@ inline Mat moving_rows(Mat A, Workspace& w)
     return M;
 }
 
-// For the wanted twist tick.feedforward: H = A'A, c = -A'b, or with a form H = G, c = -G x_h. Absent if the form has no projector.
+// For the desired twist tick.feedforward: H = A'A, c = -A'b, or with a form H = G, c = -G x_h. Absent if the form has no projector.
 inline std::optional<Cost> frame_cost(const Tick& tick, double lm_damping, Workspace& w)
 {
     const int m = tick.J.cols;

@@ -186,14 +186,14 @@ class LoopState {
             const double step = moved_now[j] / unit, order = commanded_now[j] / unit;
             before[j] = unresponsive()[j] > 0;
             fade(moved_square()[j], step), fade(unexplained()[j], step - order);
-            const double asked = commanded()[j] = left * commanded()[j] + order;
+            const double expected = commanded()[j] = left * commanded()[j] + order;
             const double done = moved()[j] = (before[j] ? 1 : left) * moved()[j] + step;
-            const bool enough = std::abs(done) >= RESPONSE_SHARE * std::abs(asked), responds = enough && !before[j];
+            const bool enough = std::abs(done) >= RESPONSE_SHARE * std::abs(expected), responds = enough && !before[j];
             time_without_response()[j] = responds ? 0 : time_without_response()[j] + dt;
             commanded_without_response()[j] = responds ? 0 : commanded_without_response()[j] + order;
             const bool noise = !enough || done * done <= NOISE * std::min(moved_square()[j], unexplained()[j]);
             const bool scatters = noise && unexplained()[j] >= EXPLAINED * moved_square()[j];
-            stays[j] = scatters && std::max(std::abs(asked), std::abs(order) * (RESPONSE_MEMORY / dt)) > COMMANDED_REST;
+            stays[j] = scatters && std::max(std::abs(expected), std::abs(order) * (RESPONSE_MEMORY / dt)) > COMMANDED_REST;
             resumes = resumes || (unresponsive()[j] == 1 && !scatters);
             alone[j] = time_without_response()[j] > RESPONSE_TIME && std::abs(commanded_without_response()[j]) > LEAST_COMMANDED;
             along[j] = time_without_response()[j] > 0;
@@ -232,16 +232,16 @@ class LoopState {
             sum(WAITING)++;
             return;
         }
-        double kept = std::max(1 - interval * dt / RESPONSE_TIME, 1 - 1 / FEWEST_UPDATES);
+        double weight = std::max(1 - interval * dt / RESPONSE_TIME, 1 - 1 / FEWEST_UPDATES);
         const double expected = sum(COMMANDED) > 0 ? sum(PRODUCT) / sum(COMMANDED) : 0;
         if (moved2 > 4 * std::max(sum(LARGEST), expected * expected * due2))  // twice the recent displacement: another motion
-            kept = sum(INTERVAL) = sum(TIME) = 0;
-        const double largest = std::max(std::max(moved2, due2), kept * sum(LARGEST));
+            weight = sum(INTERVAL) = sum(TIME) = 0;
+        const double largest = std::max(std::max(moved2, due2), weight * sum(LARGEST));
         std::fill(pending(), &last_residual(), 0.0);
-        sum(COMMANDED) = kept * sum(COMMANDED) + due2;
-        sum(PRODUCT) = kept * sum(PRODUCT) + due.dot(moved_now);
-        sum(MOVED) = kept * sum(MOVED) + moved2;
-        sum(UPDATES) = kept * sum(UPDATES) + 1;
+        sum(COMMANDED) = weight * sum(COMMANDED) + due2;
+        sum(PRODUCT) = weight * sum(PRODUCT) + due.dot(moved_now);
+        sum(MOVED) = weight * sum(MOVED) + moved2;
+        sum(UPDATES) = weight * sum(UPDATES) + 1;
         sum(TIME) = sum(TIME) * std::min(sum(LARGEST) / largest, 1.0) + interval * dt;
         sum(LARGEST) = largest, sum(WAITING) = 0;
         sum(INTERVAL_BEFORE) = sum(INTERVAL), sum(INTERVAL) = interval;

@@ -217,7 +217,7 @@ class Law {
             found.limits_active = z->y[n] < a * (1 - ROOT_ROUNDING);
             a = z->y[n], feasible_point = columns * z->y;
         }
-        found.scale = a > 1 - 10 * ROUNDING ? 1 : std::max(a, 0.0) * (1 - ROUNDING);
+        found.scale = a > 1 - SOLVED ? 1 : std::max(a, 0.0) * (1 - ROUNDING);
         origin = found.scale * full;
         return true;
     }

@@ -16,9 +16,9 @@ constexpr int MOST_RESOLVES = 4;           // a tick is solved again while its v
 Twist twist(Vec s) { return {vec3(s.part(0, 3)), vec3(s.part(3, 6))}; }
 
 // The error twist with the sense of rotation of the last tick, if it is nearly half a turn.
-Twist same_sense(const double* before, const Twist& error)
+Twist same_sense(const double* last, const Twist& error)
 {
-    const double ratio = sense_factor(error.omega, {before[0], before[1], before[2]});
+    const double ratio = sense_factor(error.omega, {last[0], last[1], last[2]});
     if (ratio == 1)
         return error;
     const Vec3 axis = (1 / norm(error.omega)) * error.omega;
@@ -39,10 +39,10 @@ Vec damped_least_squares(Mat A, Vec b, double share)
 
 class TickOfLoop {
   public:
-    TickOfLoop(const Loop& loop, LoopState& kept, const TickInputs& in, const LoopFunctions& functions, Workspace& w)
-        : loop(loop), set(loop.settings), kept(kept), state(kept), in(in), functions(functions), w(w), m(set.joints),
+    TickOfLoop(const Loop& loop, LoopState& saved, const TickInputs& in, const LoopFunctions& functions, Workspace& w)
+        : loop(loop), set(loop.settings), saved(saved), state(saved), in(in), functions(functions), w(w), m(set.joints),
           limits(in.changes.limits ? *in.changes.limits : set.limits), brakes(limits.brakes ? limits : set.limits),
-          speed(in.changes.speed), there(w, m), before(w, m)
+          speed(in.changes.speed), q(w, m), last_velocity(w, m)
     {
     }
 
@@ -52,27 +52,27 @@ class TickOfLoop {
         return {std::move(found), std::move(origins)};
     }
 
-    NearestVelocity nearest(Vec wanted, bool with_share)
+    NearestVelocity nearest(Vec desired, bool with_share)
     {
-        there = in.q, before = in.velocity;
-        arm = functions.arm ? functions.arm(there, w) : arm_state();
+        q = in.q, last_velocity = in.velocity;
+        arm = functions.arm ? functions.arm(q, w) : arm_state();
         tick.J = arm.J;  // for the tool's speed
         set_bounds();
         if (!set_limit_rows()) {
             tick.root = root(), tick.feedforward = tick.error = Vec(w, 6, 0);
             return {{stand_still(), std::move(origins)}, 0};
         }
-        set_exact(arm.tool, 0, {}, arm.J * wanted);
+        set_exact(arm.tool, 0, {}, arm.J * desired);
         tick.D = Mat();  // below, joint velocities take the place of twists, six joints a body
         const int size = 6 * ((m - 1) / 6 + 1);
         tick.J = Mat(w, size, m, 0), tick.root = Mat::identity(w, size), tick.feedforward = Vec(w, size, 0), tick.error = Vec(w, size, 0);
         for (int j = 0; j < m; j++)
-            tick.J(j, j) = 1, tick.feedforward[j] = wanted[j];
+            tick.J(j, j) = 1, tick.feedforward[j] = desired[j];
         const Report report = solve_tick();
         double share = 1;
         if (with_share) {
             Tick all = tick;
-            all.E = Mat::identity(w, m), all.E_f = wanted, all.E_e = Vec(w, m, 0);
+            all.E = Mat::identity(w, m), all.E_f = desired, all.E_e = Vec(w, m, 0);
             share = velocity(all, w).scale;
         }
         return {{finished(report), std::move(origins)}, share};
@@ -81,7 +81,7 @@ class TickOfLoop {
   private:
     const Loop& loop;
     const LoopSettings& set;
-    LoopState& kept;  // is written at the end
+    LoopState& saved;  // is written at the end
     LoopState state;
     const TickInputs& in;
     const LoopFunctions& functions;
@@ -89,7 +89,7 @@ class TickOfLoop {
     const int m;
     const JointLimits &limits, &brakes;  // of this tick; those with the accelerations for braking
     const double speed;
-    Vec there, before;
+    Vec q, last_velocity;  // when the command acts
     ArmState arm;
     Tick tick;
     JointBounds bounds;
@@ -98,20 +98,20 @@ class TickOfLoop {
     Report report()
     {
         state.observe(in.q, set.dt, set.revolution, set.limits.velocity);
-        Vec last(w, m);
-        state.predict(in.q, set.dt, there, last);
-        before = in.velocity.w ? in.velocity : last;
+        Vec command(w, m);
+        state.predict(in.q, set.dt, q, command);
+        last_velocity = in.velocity.w ? in.velocity : command;
         const int joint = implausible_joint();
         if (joint >= 0)
             return stopped(joint);
-        arm = in.arm ? *in.arm : functions.arm ? functions.arm(there, w) : arm_state();
+        arm = in.arm ? *in.arm : functions.arm ? functions.arm(q, w) : arm_state();
         if (norm(target_position() - set.reach_centre) > set.reach)
             throw FarTarget();
         tick.J = arm.J;
         tick.root = root();
         if (in.part)
             measure_part();
-        tick.last_velocity = last;
+        tick.last_velocity = command;
         tick.metric = set.metric.empty() ? Mat() : view(set.metric, m, m, w);
         tick.form = set.form, tick.pitch = set.pitch, tick.damping = set.damping, tick.guard = set.guard;
         if (!set.form_matrix.empty())
@@ -138,7 +138,7 @@ class TickOfLoop {
     ArmState arm_state() const
     {
         const Mat J(w, 6, m);
-        return {J, loop.chain->state(there.p, J)};
+        return {J, loop.chain->state(q.p, J)};
     }
     Mat root() const
     {
@@ -180,11 +180,11 @@ class TickOfLoop {
             fastest = fastest.copy();
             for (int j = 0; j < m; j++) {  // joints slow down within their accelerations
                 const double most = speed > 0 ? speed * fastest[j] : 0;
-                const double slowest = limits.brakes ? std::abs(before[j]) - limits.acceleration[j] * limits.dt : 0;
+                const double slowest = limits.brakes ? std::abs(last_velocity[j]) - limits.acceleration[j] * limits.dt : 0;
                 fastest[j] = std::min(std::max(most, slowest), set.limits.velocity[j]);
             }
         }
-        bounds = BoundsOfTick(limits, there, before, fastest).bounds();
+        bounds = BoundsOfTick(limits, q, last_velocity, fastest).bounds();
         tick.lower = bounds.lower, tick.upper = bounds.upper;
         tick.position_lower = bounds.position_lower, tick.position_upper = bounds.position_upper;
         const ToolSpeed& tool = in.changes.tool_speed ? *in.changes.tool_speed : set.tool_speed;
@@ -201,10 +201,10 @@ class TickOfLoop {
             return;
         double share = 0;  // all joints slow down alike, within their accelerations
         for (int j = 0; j < m; j++) {
-            const double size = std::abs(before[j]), over = limits.brakes ? size - limits.acceleration[j] * limits.dt : -1;
+            const double size = std::abs(last_velocity[j]), over = limits.brakes ? size - limits.acceleration[j] * limits.dt : -1;
             share = over > 0 ? std::max(share, over / size) : share;
         }
-        Vec slower = share * before;
+        Vec slower = share * last_velocity;
         for (int j = 0; j < m; j++)
             slower[j] = std::min(std::max(slower[j], tick.lower[j]), tick.upper[j]);
         tick.speed = std::max(speed * tool.limit, (tick.P * slower).norm());
@@ -218,8 +218,8 @@ class TickOfLoop {
         tick.C = fixed, tick.row_lower = view(set.rows.lower, w), tick.row_upper = view(set.rows.upper, w);
         for (const RowLimit& limit : functions.limits) {
             if (limit.clearance)
-                add(limit, limit.clearance->rows(there, before));
-            else if (const std::optional<RowsOfTick> found = limit.rows(there, before))
+                add(limit, limit.clearance->rows(q, last_velocity));
+            else if (const std::optional<RowsOfTick> found = limit.rows(q, last_velocity))
                 add(limit, *found);
             else {
                 tick.C = fixed, tick.row_lower = tick.row_lower.part(0, k), tick.row_upper = tick.row_upper.part(0, k);
@@ -232,13 +232,13 @@ class TickOfLoop {
     // Adds rows of limits that the velocity x violates before the end of the tick; whether there are any.
     bool add_violated(Vec x)
     {
-        const int before = tick.C.rows;
+        const int count = tick.C.rows;
         for (const RowLimit& limit : functions.limits)
             if (limit.clearance)
-                add(limit, limit.clearance->after(there, x));
+                add(limit, limit.clearance->after(q, x));
             else if (limit.after)
-                add(limit, limit.after(there, x));
-        return tick.C.rows > before;
+                add(limit, limit.after(q, x));
+        return tick.C.rows > count;
     }
     void add(const RowLimit& limit, const RowsOfTick& more)
     {
@@ -300,8 +300,8 @@ class TickOfLoop {
         else if (!set.posture.empty()) {
             tick.posture = Vec(w, m), tick.velocity_limit = Vec(w, m);
             for (int j = 0; j < m; j++) {
-                const double way = set.posture[j] - there[j], most = set.limits.velocity[j];
-                tick.posture[j] = set.posture_gain[j] * (set.revolution[j] > 0 ? std::remainder(way, set.revolution[j]) : way);
+                const double displacement = set.posture[j] - q[j], most = set.limits.velocity[j];
+                tick.posture[j] = set.posture_gain[j] * (set.revolution[j] > 0 ? std::remainder(displacement, set.revolution[j]) : displacement);
                 tick.velocity_limit[j] = most > 0 && std::isfinite(most) ? most : 1;
             }
         }
@@ -313,7 +313,7 @@ class TickOfLoop {
     {
         double longest = 0;
         for (int j = 0; brakes.brakes && j < m; j++)
-            longest = std::max(longest, std::abs(before[j]) / brakes.acceleration[j]);
+            longest = std::max(longest, std::abs(last_velocity[j]) / brakes.acceleration[j]);
         return longest;
     }
     void set_exact(const Pose& target, double gain, const Twist& error, Vec feedforward)
@@ -324,9 +324,9 @@ class TickOfLoop {
             count += demand.rows();
         if (functions.exact) {
             const Pose* nearest = in.part ? &target : nullptr;
-            functions.exact(there, 0, feedforward, nearest, tick);
+            functions.exact(q, 0, feedforward, nearest, tick);
             const Vec still = tick.E_f.copy();
-            functions.exact(there, gain, (1 + also) * feedforward, nearest, tick);
+            functions.exact(q, gain, (1 + also) * feedforward, nearest, tick);
             tick.E_e = tick.E_f - still, tick.E_f = still;
         } else if (count) {
             DemandRows rows(w, count, m);
@@ -359,14 +359,14 @@ class TickOfLoop {
             return T.w ? T * y : y;
         };
         const Vec distance = joints(e, DISTANCE_DAMPING);
-        const Vec follows = f.square() > 0 ? joints(f, FEEDFORWARD_DAMPING) : Vec(w, m, 0), c = before - follows;
+        const Vec follows = f.square() > 0 ? joints(f, FEEDFORWARD_DAMPING) : Vec(w, m, 0), c = last_velocity - follows;
         const double gain = speed * set.gain, dt = limits.dt, time = time_to_least(e, c);
         double share = 1;
         for (int j = 0; j < m; j++) {
-            const double a = brakes.acceleration[j], braking = BRAKING_SHARE * a, way = std::abs(distance[j]);
+            const double a = brakes.acceleration[j], braking = BRAKING_SHARE * a, displacement = std::abs(distance[j]);
             const double knee = braking / (gain * gain), lag = 2 * braking * in.acceleration_rise;
-            if (way > knee)
-                share = std::min(share, (std::sqrt(lag * lag + braking * (2 * way - knee)) - lag) / (gain * way));
+            if (displacement > knee)
+                share = std::min(share, (std::sqrt(lag * lag + braking * (2 * displacement - knee)) - lag) / (gain * displacement));
             const double size = std::abs(c[j]);
             if (size == 0 || tick.C.rows)  // rows may require motion
                 continue;
@@ -455,14 +455,14 @@ class TickOfLoop {
         Report found;
         found.velocity = Vec(w, m, 0);
         for (int j = 0; limits.brakes && j < m; j++)
-            found.velocity[j] = std::copysign(std::max(std::abs(before[j]) - set.dt * limits.acceleration[j], 0.0), before[j]);
+            found.velocity[j] = std::copysign(std::max(std::abs(last_velocity[j]) - set.dt * limits.acceleration[j], 0.0), last_velocity[j]);
         found.residual = in.feedforward.w && !has_target() ? in.feedforward : Vec(w, 6, 0);
         found.status = Status::held, found.method = Method::hold, found.scale = 0;
-        const double q = in.q[joint];
+        const double position = in.q[joint];
         add_reason(found.reasons, Code::implausible_position, {joint}, {},
-            {q, std::max(q - set.position_upper[joint], set.position_lower[joint] - q)});
-        kept = state;
-        kept.remember(Vec(w, m, NAN), found.velocity, 0);
+            {position, std::max(position - set.position_upper[joint], set.position_lower[joint] - position)});
+        saved = state;
+        saved.remember(Vec(w, m, NAN), found.velocity, 0);
         return found;
     }
 
@@ -497,8 +497,8 @@ class TickOfLoop {
         found.reasons = reasons;
         if (in.part)
             found.residual = in.part->part(found.residual, arm.tool);
-        kept = state;
-        kept.remember(in.q, found.velocity, state.last_residual());
+        saved = state;
+        saved.remember(in.q, found.velocity, state.last_residual());
         return found;
     }
 };
@@ -510,10 +510,10 @@ LoopReport Loop::tick(LoopState& state, const TickInputs& in, const LoopFunction
     return TickOfLoop(*this, state, in, functions, w).solve();
 }
 
-NearestVelocity Loop::nearest(Vec wanted, bool with_share, const TickInputs& in, const LoopFunctions& functions, Workspace& w) const
+NearestVelocity Loop::nearest(Vec desired, bool with_share, const TickInputs& in, const LoopFunctions& functions, Workspace& w) const
 {
     LoopState none(settings.joints, 0, settings.dt);
-    return TickOfLoop(*this, none, in, functions, w).nearest(wanted, with_share);
+    return TickOfLoop(*this, none, in, functions, w).nearest(desired, with_share);
 }
 
 }  // namespace iq

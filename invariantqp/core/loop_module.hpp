@@ -1,4 +1,4 @@
-// What other modules for Python need of a loop's.
+// Shared by the bindings of loops.
 #pragma once
 #include "bound.hpp"
 #include "loop.hpp"

@@ -42,7 +42,7 @@ class Workspace {
         return found;
     }
 
-    // What was taken since a frame began is given back at its end.
+    // Returns memory taken in its lifetime.
     class Frame {
       public:
         explicit Frame(Workspace& w) : w(w), block(w.block), used(w.used) {}

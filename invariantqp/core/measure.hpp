@@ -126,9 +126,9 @@ inline double reach(Mat S, Vec point)
 
 inline double length_at(Mat S, Vec p, Vec s)
 {
-    const double asked = ratio(Mat(s.p, 1, 6, s.w), p);
+    const double of_twist = ratio(Mat(s.p, 1, 6, s.w), p);
     double far = reach(S, p);
-    if (far <= TERM_ROUNDING * asked) {
+    if (far <= TERM_ROUNDING * of_twist) {
         Mat turning(*S.w, S.rows, 6);
         int count = 0;
         for (int i = 0; i < S.rows; i++)
@@ -136,7 +136,7 @@ inline double length_at(Mat S, Vec p, Vec s)
                 turning[count++].set(S[i]);
         far = ratio(turning.rows_from(0, count), p);
     }
-    return far > TERM_ROUNDING * asked ? far : asked > 0 ? asked : 1;
+    return far > TERM_ROUNDING * of_twist ? far : of_twist > 0 ? of_twist : 1;
 }
 
 // Which joints only slide: each counts 1 / L^2 in the joint metric. Absent where none does.

@@ -236,9 +236,9 @@ nb::tuple solve_rows(nb::object J, nb::object twist, nb::object lower, nb::objec
     Workspace& w = workspace();
     const Workspace::Frame frame(w);
     Reader read(w);
-    nb::object kept[6];
+    nb::object owners[6];
     npy_intp of_J[3] = {-1, 6, -1};
-    PyArrayObject* J_rows = Reader::checked(J, "J", 3, of_J, kept[0]);
+    PyArrayObject* J_rows = Reader::checked(J, "J", 3, of_J, owners[0]);
     const npy_intp n = of_J[0], m = of_J[2];
     if (m < 1 || m > MOST_JOINTS)
         refuse("J has " + std::to_string(m) + " columns, expected 1 to 64");
@@ -246,11 +246,11 @@ nb::tuple solve_rows(nb::object J, nb::object twist, nb::object lower, nb::objec
         npy_intp shape[2] = {n, width};
         return value.is_none() ? nullptr : Reader::checked(value, name, 2, shape, keep);
     };
-    PyArrayObject* const s_rows = rows_of(twist, "twist", 6, kept[1]);
-    PyArrayObject* const low = rows_of(lower, "lower", m, kept[2]);
-    PyArrayObject* const high = rows_of(upper, "upper", m, kept[3]);
-    PyArrayObject* const at = rows_of(points, "points", 3, kept[4]);
-    PyArrayObject* const pull = rows_of(posture, "posture", m, kept[5]);
+    PyArrayObject* const s_rows = rows_of(twist, "twist", 6, owners[1]);
+    PyArrayObject* const low = rows_of(lower, "lower", m, owners[2]);
+    PyArrayObject* const high = rows_of(upper, "upper", m, owners[3]);
+    PyArrayObject* const at = rows_of(points, "points", 3, owners[4]);
+    PyArrayObject* const postures = rows_of(posture, "posture", m, owners[5]);
     if (!s_rows)
         refuse("twist is missing");
     Tick common;
@@ -288,8 +288,8 @@ nb::tuple solve_rows(nb::object J, nb::object twist, nb::object lower, nb::objec
             tick.lower = low ? part(low, m, Numbers::any) : tick.position_lower;
             tick.upper = high ? part(high, m, Numbers::any) : tick.position_upper;
             check_box(tick.lower, tick.upper);
-            if (pull)
-                tick.posture = part(pull, m, Numbers::finite);
+            if (postures)
+                tick.posture = part(postures, m, Numbers::finite);
             set_measure(tick, at ? part(at, 3, Numbers::finite) : Vec(), L, measure);
             const Answer answer = velocity(tick, w);
             if (answer.failure == Failure::no_pseudoinverse)

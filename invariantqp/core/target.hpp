@@ -36,7 +36,7 @@ struct PartialTarget {
     Vec3 point{}, axis{};                   // where the tool's point is to be, and where its axis, a unit vector, is to point
     Vec3 tool_point{}, tool_axis{0, 0, 1};  // in the tool frame, a unit vector
 
-    // The twist that takes the tool there in unit time; `before`: the rotation of the tick before, 0 where there is none.
+    // The error twist; `before`: rotation of the last error, 0 for none.
     Twist error(const Pose& tool, const Vec3& before) const
     {
         const Vec3 omega = has_axis ? turn(tool.R * tool_axis, tool.R * across(tool_axis), before) : Vec3{0, 0, 0};
@@ -51,7 +51,7 @@ struct PartialTarget {
         return {R, (has_point ? point : tool * tool_point) - R * tool_point};
     }
 
-    // What counts of a twist: the twist of the same part across the axis and the same velocity of the point, without more.
+    // The constrained part of a twist, without motion in the free directions.
     Vec part(Vec s, const Pose& tool) const
     {
         Workspace& w = *s.w;
@@ -96,10 +96,10 @@ struct PartialTarget {
   private:
     Vec3 turn(const Vec3& here, const Vec3& half, const Vec3& before) const
     {
-        Vec3 kept = before - dot(before, here) * here;  // of opposite directions, as in the tick before
-        const double size = norm(kept);
-        kept = size > 0.5 * norm(before) && size > 0 ? (1 / size) * kept : half;
-        const Vec3 found = shortest_turn(here, axis, kept);
+        Vec3 half_turn = before - dot(before, here) * here;  // for opposite directions: about the last axis
+        const double size = norm(half_turn);
+        half_turn = size > 0.5 * norm(before) && size > 0 ? (1 / size) * half_turn : half;
+        const Vec3 found = shortest_turn(here, axis, half_turn);
         return sense_factor(found, before) * found;
     }
 };

@@ -10,6 +10,7 @@ constexpr double ROUNDING = 1e-9;  // of a solution; singular values below it co
 inline const double ROOT_ROUNDING = std::sqrt(ROUNDING);
 constexpr double TERM_ROUNDING = 1e-12;                   // of a sum, beside its largest term
 constexpr double PRODUCT_ROUNDING = 1e-13;                // of matrix products; of the rank of a screw system
+constexpr double SOLVED = 10 * ROUNDING;                  // a scale or residual this close is exact
 constexpr double UNIT_ROUNDING = 1e-15;                   // of a few operations
 constexpr double ACTIVE_TOLERANCE = 1e-6;  // a limit this close is active; slower joints are compared at this speed
 
