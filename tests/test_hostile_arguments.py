@@ -47,7 +47,7 @@ INNER = {
     "Clearance.engine_in_loop Clearance.row_name Clearance.too_near "
     "OtherArm.checked_positions BoxQP.of Chain.motions LimitRows.trusted Candidate.frame "
     "ExactRows.on LimitRows.renamed "
-    "Chain.sight Chain.points "
+    "Chain.state Chain.points "
     "InvariantFrameTask.compute_qp_objective",
     "of this package's own files, with arguments of their making": "ScrewSystem.with_tolerance ScrewSystem.derived "
     "ScrewSystem.form ScrewSystem.joint_velocities",

@@ -379,7 +379,7 @@ class Controller:
             at: "tool" as above; "base": a screw in base coordinates, whose linear part is the velocity of the point of
                 the tool's body at the origin of the base frame, as in [DS], `robot.jacobian` and `feedforward`.
             rows: more exact rows in this tick, parts of the screw: A = K'J and b = K'screw for some K.
-            sighting: what `robot.sight` returned at q, if it was called in this tick already.
+            robot_state: what `robot.state` returned at q, if it was called in this tick already.
             measured_at: (3,) in the base frame, the point to measure at in this tick; None is the controller's own.
             posture: (m,) desired joint velocity in the null space; None is towards the controller's posture.
             speed: as in `step`; exact `rows` are scaled too.

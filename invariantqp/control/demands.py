@@ -37,7 +37,7 @@ class View(NamedTuple):
 
     Attributes:
         robot: the arm.
-        sighting: its state, from `robot.sight`.
+        state: its state, from `robot.state`.
         target: the target of its tool, from `robot.target`.
         gain: tracking gain [1/s].
         feedforward: (6,) twist of the target, base frame.
