@@ -149,4 +149,4 @@ def test_what_is_no_shape_is_refused(wrong):
     good = placed(Sphere([0, 0, 0], 0.1)).numbers
     for two in ((wrong, good), (good, wrong)):
         with pytest.raises((ValueError, TypeError)):
-            law.places(*two)
+            law.witnesses(*two)
