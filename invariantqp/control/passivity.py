@@ -269,9 +269,9 @@ class PendingMotion:
         pending, force = self._pending(wrenches[0], ticks) if ticks else (0.0, np.zeros(3))
         v = twist[3:]
         hardness, power = self.stiffness * float(v.dot(v)), max(float(twist.dot(w)) for w in wrenches)
-        once = _affordable(self._dt * (power + float(v.dot(force))), self._dt**2 * hardness, left - pending)
+        once = _largest_scale(self._dt * (power + float(v.dot(force))), self._dt**2 * hardness, left - pending)
         time = (1 + ticks) * self._dt
-        return min(1.0, once, _affordable(time * power, time**2 * hardness, left))
+        return min(1.0, once, _largest_scale(time * power, time**2 * hardness, left))
 
     def _pending(self, wrench: Array, ticks: int) -> tuple[float, Array]:
         """The energy that the last `ticks` twists will take, and the force (3,) that they will add."""
@@ -321,10 +321,10 @@ class DelayEstimate:
         return (best - declared) * self._dt if is_later else 0.0
 
 
-def _affordable(linear: float, quadratic: float, left: float) -> float:
-    """The largest share with linear share + quadratic share^2 / 2 <= left, at most 1."""
-    left = max(0.0, left)
-    if linear + 0.5 * quadratic <= left:
+def _largest_scale(linear: float, quadratic: float, budget: float) -> float:
+    """The largest s <= 1 with linear s + quadratic s^2 / 2 <= budget."""
+    budget = max(0.0, budget)
+    if linear + 0.5 * quadratic <= budget:
         return 1.0
-    root = sqrt(linear * linear + 2.0 * quadratic * left)
-    return 2.0 * left / (linear + root) if linear > 0.0 else (root - linear) / quadratic
+    root = sqrt(linear * linear + 2.0 * quadratic * budget)
+    return 2.0 * budget / (linear + root) if linear > 0.0 else (root - linear) / quadratic

@@ -76,8 +76,8 @@ class SharedTask(Value):
         """The same task after a rigid motion (4, 4) of both systems."""
         T = arrays.pose(pose)
         A, B = se3.adjoint(T, check=False), se3.coadjoint(T, check=False)
-        moved = SharedTask.__new__(SharedTask)
-        moved.__attrs_init__(
+        task = SharedTask.__new__(SharedTask)  # its fields are known to be valid
+        task.__attrs_init__(
             S1=A.dot(self.S1),
             S2=None if self.S2 is None else A.dot(self.S2),
             h=self.h,
@@ -85,7 +85,7 @@ class SharedTask(Value):
             robot_projector=A.dot(self.robot_projector).dot(B.T),
             operator_projector=A.dot(self.operator_projector).dot(B.T),
         )
-        return moved
+        return task
 
 
 def _project(first: Array, second: Array, rule: dict[str, Any]) -> tuple[Array, Array]:

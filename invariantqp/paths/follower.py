@@ -75,9 +75,9 @@ class Follower:
         Args:
             loop: a controller, or for motion in contact a hybrid controller; where time is kept with an acceleration
                 limit.
-            keep: "time": points are met at their stamps, and those that are over skipped (policies, hands); "shape":
-                the tool stays on the path through the points and is late where limits make it so.
-            rate: how fast stamps are driven where the shape is kept, 1 as they say.
+            keep: "time": the tool meets points at their stamps, and points in the past are skipped (policies, hands);
+                "shape": the tool stays on the path through the points, and is late if limits require it.
+            rate: playback speed of the stamps if the shape is kept; 1 keeps them.
             jerk: (m,) or one for all joints [rad/s^3, length/s^3]; None lets the acceleration rise to its limit in
                 20 ms, and at once where the shape is kept.
             cutoff: the frequency above which motion is smoothed away where time is kept [Hz]; inf smooths nothing.
@@ -87,7 +87,8 @@ class Follower:
                 where the arm is: to its first sample, after a gap or a stop; 1 uses all of them.
             drop_outliers: whether one sample is dropped that joints at their speed limits could not reach in the time
                 since the sample before; of two in a row the second is followed.
-            blocked: where the shape is kept and the arm cannot reach it: "stop" before it, or "leave" it by the least.
+            blocked: if the shape is kept and the arm cannot reach it: "stop" before it, or "leave" it by
+                the least deviation.
             tolerance: how far off a pose is out of reach [length]; None is 1e-4 of the arm's length. Where the shape is
                 kept, as in `PathFollower`.
 
@@ -101,10 +102,11 @@ class Follower:
         if isinstance(loop, HybridController) and not self._keeps_shape:
             self._stream_contact = StreamInContact(loop)
             inner = self._stream_contact.controller
-        elif isinstance(loop, (Controller, HybridController)):
-            inner = Controller(loop.robot, **(loop.loop if isinstance(loop, HybridController) else loop).options)
-            if isinstance(loop, HybridController):
-                self._path_contact = PathInContact(loop, inner)
+        elif isinstance(loop, HybridController):
+            inner = Controller(loop.robot, **loop.loop.options)
+            self._path_contact = PathInContact(loop, inner)
+        elif isinstance(loop, Controller):
+            inner = Controller(loop.robot, **loop.options)
         else:
             raise BadInput("loop", excerpt(loop), "a Controller, or a HybridController")
         if inner.acceleration_limit is None and (not self._keeps_shape or jerk is not None):

@@ -223,9 +223,9 @@ class WaypointIK:
 
     def _from_rest(self, here: TaskError, q: Array, twist: Array, h: float, **bounds: Array) -> Array:
         """(m,) the joint velocity of a loop's first tick for a twist, damped by its residual."""
-        first: dict[str, Any] = {"before": np.zeros(len(q)), **bounds}
+        first: dict[str, Any] = {"last_velocity": np.zeros(len(q)), **bounds}
         _, missed = here.joint_velocity(self._loop, q, twist, h, **first)
-        return here.joint_velocity(self._loop, q, twist, h, missed=missed, held=self._loop.dt, **first)[0]
+        return here.joint_velocity(self._loop, q, twist, h, last_residual=missed, hold_time=self._loop.dt, **first)[0]
 
     def _stepped(self, target: Array, q: Array, step: float) -> Array:
         """(m,) joint positions after a step [s] of the loop's law towards a pose."""

@@ -148,22 +148,23 @@ def is_screws(source: object) -> bool:
     return not isinstance(source, (str, PathLike)) and _library(source) is None
 
 
-def read_arm(source: Any, tool: str | ArrayLike | None, chosen: tuple[str, ...] | None) -> Chain:
+def read_arm(source: Any, tool: str | ArrayLike | None, joints: tuple[str, ...] | None) -> Chain:
     """The arm of a source, as in `load_robot`."""
     if is_screws(source):
-        return _from_screws(source, tool, chosen)
+        return _from_screws(source, tool, joints)
     if tool is not None and not isinstance(tool, str):
         raise BadInput("tool", type(tool).__name__, "the name of a frame", "Move the frame with robot.with_tool(pose).")
     if not isinstance(source, (str, PathLike)):
-        return _from_model(source, tool, chosen)
+        return _from_model(source, tool, joints)
     if isinstance(source, str) and is_text(source):
-        return _from_description(source, tool, chosen)
+        return _from_description(source, tool, joints)
     if str(source) in PUBLISHED:
-        return chain_to_link(published(str(source)), str(source), tool or "tool0", chosen)
-    known = EXAMPLE_ROBOTS.get(str(source))
-    if known is not None and tool is None:
-        tool, chosen = known.tool, known.joints if chosen is None else chosen
-    return _from_description(urdf_of(source), tool, chosen, known.srdf if known is not None else "")
+        return chain_to_link(published(str(source)), str(source), tool or "tool0", joints)
+    example = EXAMPLE_ROBOTS.get(str(source))
+    if example is not None and tool is None:
+        tool = example.tool
+        joints = example.joints if joints is None else joints
+    return _from_description(urdf_of(source), tool, joints, example.srdf if example is not None else "")
 
 
 def _from_description(source: Path | str, tool: str | None, joints: Sequence[str] | None, srdf: str = "") -> Chain:

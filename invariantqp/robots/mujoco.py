@@ -165,29 +165,31 @@ def _links(
         unknown = model.joint(away[0]).name or "a free joint" if away and body < len(joints) else ""
         frame = se3.transform(data.xmat[i].reshape(3, 3), data.xpos[i])
         geoms = range(model.body_geomadr[i], model.body_geomadr[i] + model.body_geomnum[i])
-        parts = tuple(_part(model, g) for g in geoms if model.geom_contype[g] or model.geom_conaffinity[g])
+        parts = tuple(
+            _collision_geometry(model, g) for g in geoms if model.geom_contype[g] or model.geom_conaffinity[g]
+        )
         made.append(Link(name, body, frame, parts, unknown))
     signatures = model.exclude_signature.tolist()
     pairs = {frozenset((names[pair >> 16], names[pair & 0xFFFF])): "by the MJCF: <exclude>" for pair in signatures}
     return with_exclusions(made, pairs)
 
 
-def _part(model: Any, geom: int) -> Geometry:
-    """A geom that collides; an ellipsoid becomes the box about it."""
+def _collision_geometry(model: Any, geom: int) -> Geometry:
+    """The collision geometry of a geom; an ellipsoid becomes its bounding box."""
     kind = mujoco.mjtGeom(int(model.geom_type[geom]))
     rotation, size = np.empty(9), model.geom_size[geom].tolist()
     mujoco.mju_quat2Mat(rotation, model.geom_quat[geom])
     pose = se3.transform(rotation.reshape(3, 3), model.geom_pos[geom])
-    known = mujoco.mjtGeom
-    if kind == known.mjGEOM_SPHERE:
+    types = mujoco.mjtGeom
+    if kind == types.mjGEOM_SPHERE:
         return Geometry("sphere", (size[0],), pose)
-    if kind == known.mjGEOM_PLANE:
+    if kind == types.mjGEOM_PLANE:
         return Geometry("plane", (), pose)
-    if kind in (known.mjGEOM_CAPSULE, known.mjGEOM_CYLINDER):
-        return Geometry("capsule" if kind == known.mjGEOM_CAPSULE else "cylinder", (size[0], 2.0 * size[1]), pose)
-    if kind in (known.mjGEOM_BOX, known.mjGEOM_ELLIPSOID):
+    if kind in (types.mjGEOM_CAPSULE, types.mjGEOM_CYLINDER):
+        return Geometry("capsule" if kind == types.mjGEOM_CAPSULE else "cylinder", (size[0], 2.0 * size[1]), pose)
+    if kind in (types.mjGEOM_BOX, types.mjGEOM_ELLIPSOID):
         return Geometry("box", tuple(2.0 * edge for edge in size), pose)
-    if kind == known.mjGEOM_MESH:
+    if kind == types.mjGEOM_MESH:
         mesh = int(model.geom_dataid[geom])
         first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
         return Geometry("mesh", (1.0, 1.0, 1.0), pose, np.array(model.mesh_vert[first : first + count], np.float64))

@@ -231,9 +231,9 @@ def gibson_hunt(J: ArrayLike, tolerance: float = TOLERANCE, *, length: float | N
 
     Args:
         J: (6, m) twists as columns, dependent or not.
-        tolerance: relative error of the twists: the special type, or the lower dimension, is chosen if such an error
-            could have hidden it.
-        length: reference length for pitches and distances that count as zero, instead of the system's own.
+        tolerance: relative error of the twists: if twists within it have a more special type, or a lower dimension,
+            that is the answer.
+        length: reference length for deciding which pitches and distances are zero; by default the system's own.
 
     Returns:
         GibsonHunt; near a border `.margin` is near 1 and `.next` names the type on the other side.

@@ -259,7 +259,11 @@ def by_engine(function: Callable[..., Any], *arguments: Any) -> Any | None:
 
 
 def invert(system: Subspace, h: float, joint_metric: ArrayLike | None = None) -> Factors:
-    """J^{+h} of a system's twists, or `NoPseudoinverse`."""
+    """The factors of J^{+h}.
+
+    Raises:
+        NoPseudoinverse: there is none at this h.
+    """
     pitch, m = finite_pitch(h), system.twists.shape[1]
     metric = None if joint_metric is None else arrays.positive_definite(joint_metric, m, "joint_metric")
     factored = factors(system, pitch, metric)

@@ -146,8 +146,8 @@ def eigenscrews(K: ArrayLike, *, compliance: bool = False) -> Eigenscrews:
         compliance: whether K is a compliance.
 
     Raises:
-        BadInput: not symmetric, or with a negative eigenvalue: a stiffness under load may have both, and then possibly
-            no real eigenscrews.
+        BadInput: not symmetric, or with a negative eigenvalue. The stiffness of a loaded mechanism may be either, and
+            then may have no real eigenscrews.
 
     Reference: Lipkin and Patterson 1992, 1993; Loncaric 1987.
     """
@@ -155,11 +155,11 @@ def eigenscrews(K: ArrayLike, *, compliance: bool = False) -> Eigenscrews:
     M = 0.5 * (M + M.T)
     if arrays.flag(compliance, "compliance"):
         M = M[SWAPPED][:, SWAPPED]  # C takes forces where K takes angular parts
-    point, single = _centre(M)
+    point, is_unique = _centre(M)
     X = np.eye(6)
     X[3:, :3] = cross_matrix(point)
-    unit, rounding = _length(M, X.T.dot(M).dot(X), float(np.sqrt(point.dot(point))))
-    X[3:, 3:] *= unit
+    length, rounding = _length(M, X.T.dot(M).dot(X), float(np.sqrt(point.dot(point))))
+    X[3:, 3:] *= length
     moved = X.T.dot(M).dot(X)  # about the centre, over a length of its own
     sizes, E = np.linalg.eigh(moved)
     if not sizes[-1] > 0.0 or sizes[0] < -rounding * sizes[-1]:
@@ -172,24 +172,24 @@ def eigenscrews(K: ArrayLike, *, compliance: bool = False) -> Eigenscrews:
     order = np.argsort(-values, kind="stable")
     T = swap.dot(B.dot(Y[:, order]))
     T /= np.linalg.norm(T, axis=0)
-    heads = np.linalg.norm(T[:3], axis=0)
-    lines = heads > ROUNDING
-    T[:3, ~lines] = 0.0
-    T[:, lines] /= heads[lines]
+    angular_norms = np.linalg.norm(T[:3], axis=0)
+    has_pitch = angular_norms > ROUNDING
+    T[:3, ~has_pitch] = 0.0
+    T[:, has_pitch] /= angular_norms[has_pitch]
     with np.errstate(divide="ignore", invalid="ignore"):
-        pitches = np.where(lines, unit * (T[:3] * T[3:]).sum(axis=0), np.inf)
+        pitches = np.where(has_pitch, length * (T[:3] * T[3:]).sum(axis=0), np.inf)
     screws = X.dot(T)
-    screws[:, ~lines] /= unit
-    d, images, a, arguments = _families(moved, rounding * float(sizes[-1]))
+    screws[:, ~has_pitch] /= length
+    d, images, a, rotation_axes = _families(moved, rounding * float(sizes[-1]))
     images = np.linalg.inv(X).T.dot(images)
     images /= np.linalg.norm(images[3:], axis=0)
-    families = [(d / unit**2, images), (a, X.dot(arguments))]
+    families = [(d / length**2, images), (a, X.dot(rotation_axes))]
     if compliance:
         screws = screws[SWAPPED]
         families = [(size, axes[SWAPPED]) for size, axes in reversed(families)]
     (translational, forces), (rotational, rotations) = families
-    centre = point if single else None
-    return Eigenscrews(values[order] / unit, screws, pitches, centre, translational, forces, rotational, rotations)
+    centre = point if is_unique else None
+    return Eigenscrews(values[order] / length, screws, pitches, centre, translational, forces, rotational, rotations)
 
 
 def _centre(M: Array) -> tuple[Array, bool]:

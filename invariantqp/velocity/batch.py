@@ -133,7 +133,7 @@ def solve_velocities(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityO
     if options.get("backend") is None:
         velocity, residual, numbers = law.solve_rows(twists, s, **fields, **rows, threads=cpu_count())
         if (numbers[:, 1] < 0.0).any():
-            _check(twists, s, lower, upper, rows)
+            _check_values(twists, s, lower, upper, rows)
             row(int(np.argmin(numbers[:, 1])))  # raises the error of that row
     else:
         found = [row(i) for i in range(n)]
@@ -147,19 +147,19 @@ def solve_velocities(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityO
     return VelocitySolutions(velocity, *words, residual, scale, damping, guard, (lower, upper), row)
 
 
-def _check(twists: Array, s: Array, lower: Array, upper: Array, rows: dict[str, Array | None]) -> None:
-    """Check the numbers of all rows.
+def _check_values(J: Array, twist: Array, lower: Array, upper: Array, rows: dict[str, Array | None]) -> None:
+    """Check the values of all problems.
 
     Raises:
         BadInput: NaN, numbers too large or too small, crossed bounds.
     """
-    sizes.bounded_jacobians(_finite(twists, "J"))
-    sizes.bounded_twists(_finite(s, "twist"))
+    sizes.bounded_jacobians(_finite(J, "J"))
+    sizes.bounded_twists(_finite(twist, "twist"))
     if rows["posture"] is not None:
         _finite(rows["posture"], "posture")
     if rows["points"] is not None:
         sizes.bounded_points(_finite(rows["points"], "point"))
-    wrong = ~(lower <= upper) | (lower == np.inf) | (upper == -np.inf)  # NaN is not below anything either
+    wrong = ~(lower <= upper) | (lower == np.inf) | (upper == -np.inf)  # NaN fails <=
     if wrong.any():
         i, j = (int(k) for k in np.argwhere(wrong)[0])
         found = f"lower {lower[i, j]:g} and upper {upper[i, j]:g} in row {i}, joint {j}"

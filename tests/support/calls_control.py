@@ -181,7 +181,7 @@ CONTROL = {
         {"limit": SimpleNamespace(compute_qp_inequalities=lambda *_: None), "collision_model": None},
     ),
     "Controller.rest": lambda: (controller().rest, {"q": Q, "reason": "why", "velocity": Q, "robot_state": None}),
-    "Controller.believed": lambda: (controller().believed, {"q": Q, "argument": "q"}),
+    "Controller.checked_positions": lambda: (controller().checked_positions, {"q": Q, "argument": "q"}),
     "PathFollower": lambda: (
         iq.PathFollower,
         {"loop": controller(), "path": [T, T @ iq.exp(TWIST)]}

@@ -116,7 +116,7 @@ class ObstacleScene:
     def __init__(
         self, robot: Any, clearance: ClearanceSpec, obstacles: list[ObstacleSpec], resolve_source: Callable[[str], Any]
     ) -> None:
-        """ObstacleScene a robot, by a task's tables; `resolve_source` looks a robot's source up."""
+        """From the tables of a task; `resolve_source` finds the file of a robot that is an obstacle."""
         from invariantqp.control.clearance import Clearance
 
         self._specs = obstacles

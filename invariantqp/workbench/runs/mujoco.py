@@ -332,7 +332,10 @@ class MujocoPlant:
         return np.asarray(self.data.qpos[self._joints].copy())
 
     def _set_servo_gains(self, start: Array) -> None:
-        """Set the gains for the lag: servos on the integrated command, so that joints do not creep under load."""
+        """Set the servos' stiffness and damping so that joints follow with the declared lag.
+
+        The servos track the integrated command, so that joints do not creep under load.
+        """
         model, data = self.model, self.data
         mujoco.mj_forward(model, data)
         inertia = np.empty(len(start))
@@ -340,9 +343,9 @@ class MujocoPlant:
             unit, column = np.eye(model.nv)[joint], np.empty(model.nv)
             mujoco.mj_mulM(model, data, column, unit)
             inertia[i] = column[joint]
-        servo = 2.0 * SUBSTEP  # time to reach the commanded speed, short compared with the lag [s]
-        damping = inertia / servo
-        stiffness = damping / max(self._physics.lag, servo)
+        rise_time = 2.0 * SUBSTEP  # time to reach the commanded speed, short compared with the lag [s]
+        damping = inertia / rise_time
+        stiffness = damping / max(self._physics.lag, rise_time)
         model.actuator_gainprm[:, 0] = stiffness
         model.actuator_biasprm[:, :3] = np.column_stack((np.zeros_like(damping), -stiffness, -damping))
         data.act[:] = start

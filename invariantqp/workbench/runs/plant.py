@@ -185,6 +185,7 @@ class IdealPlant:
         return self._state
 
     def _wrench(self, T: Array) -> Array:
+        """(6,) wrench of the springs on the tool at a pose (4, 4), base frame; follows the angle of a hinge."""
         if self._springs is None:
             return np.zeros(6)
         if isinstance(self._springs, SurfaceSprings):

@@ -66,15 +66,16 @@ class Solid(NamedTuple):
     poses: Array | None  # (k, 4, 4) poses of an obstacle; None for a body of the arm
 
 
-def solids(around: ObstacleScene, time: Array, m: int, reach: float) -> tuple[Solid, ...]:
+def solids(scene: ObstacleScene, time: Array, m: int, reach: float) -> tuple[Solid, ...]:
     """The bodies of an arm with m joints and the obstacles, at the times (k,) of a timeline."""
-    shapes, frames, clearance = [], [], around.clearance
-    for t in time.tolist() if around.is_moving else time.tolist()[:1]:
-        around.move(t)
-        frames.append([placed for _, _, placed in clearance.shapes(np.zeros(m))])
-    for i, (_, body, placed) in enumerate(clearance.shapes(np.zeros(m))):
+    shapes, placed_at, clearance = [], [], scene.clearance
+    zero = np.zeros(m)  # the faces of links are at q = 0, and obstacles do not depend on q
+    for t in time.tolist() if scene.is_moving else time.tolist()[:1]:
+        scene.move(t)
+        placed_at.append([placed for _, _, placed in clearance.shapes(zero)])
+    for i, (_, body, placed) in enumerate(clearance.shapes(zero)):
         if body is None:
-            poses = np.array([frame[i].pose for frame in frames])
+            poses = np.array([placed[i].pose for placed in placed_at])
             shapes.append(Solid(0, faces(placed, reach), np.broadcast_to(poses, (len(time), 4, 4))))
         else:
             local = faces(placed, reach)
@@ -89,13 +90,15 @@ def faces(placed: CollisionObject, reach: float) -> Array:
         return tiles(np.array([[(x, y, 0.0) for y in at] for x in at]))
     if placed.mesh is not None:
         corners = placed.mesh.display_triangles()
-        return np.concatenate((corners, corners[:, 2:]), axis=1)
+        return np.concatenate((corners, corners[:, 2:]), axis=1)  # a triangle repeats a corner
     if placed.core is Core.BOX:
-        across = [[(s, -s, -1.0), (s, s, -1.0), (s, s, 1.0), (s, -s, 1.0)] for s in (-1.0, 1.0)]  # x, outwards
+        across = [
+            [(s, -s, -1.0), (s, s, -1.0), (s, s, 1.0), (s, -s, 1.0)] for s in (-1.0, 1.0)
+        ]  # the faces across x; rolled, those across y and z
         return np.array([np.roll(side, k, axis=1) for k in range(3) for side in across]) * placed.half
     angles = np.linspace(0.0, 0.5 * np.pi, SIDES // 4 + 1)
-    low = [(-placed.half[2] - placed.radius * np.cos(a), placed.radius * np.sin(a)) for a in angles]
-    profile = low + [(-z, r) for z, r in reversed(low)]
+    lower_half = [(-placed.half[2] - placed.radius * np.cos(a), placed.radius * np.sin(a)) for a in angles]
+    profile = lower_half + [(-z, r) for z, r in reversed(lower_half)]
     around = np.linspace(0.0, 2.0 * np.pi, SIDES + 1)
     return tiles(np.array([[(r * np.cos(a), r * np.sin(a), z) for a in around] for z, r in profile]))
 

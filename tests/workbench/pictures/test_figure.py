@@ -76,7 +76,7 @@ def test_an_unknown_format_is_refused(tmp_path):
 def test_rounding_of_a_tool_that_stays_is_not_magnified():
     axes, rng = Figure().subplots(), np.random.default_rng(0)
     desired, actual = 1e-16 * rng.normal(size=(2, 50, 3))
-    contact = SimpleNamespace(normal=np.array([0.0, 0.0, 1.0]), desired=desired, drawn=actual)
+    contact = SimpleNamespace(normal=np.array([0.0, 0.0, 1.0]), desired=desired, position=actual)
     _curve(axes, SimpleNamespace(counted_from=0), contact)
     assert np.ptp(axes.get_xlim()) >= MIN_WIDTH_MM
     assert any(line.get_marker() == "o" for line in axes.lines)

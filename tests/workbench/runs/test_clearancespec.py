@@ -41,7 +41,7 @@ def test_obstacles_are_where_the_file_says_and_go_there_and_back():
     obstacle_scene = one.obstacle_scene(one.load_robot())
     ball, shelf = obstacle_scene.obstacles[:2]
     obstacle_scene.move(1.0)
-    np.testing.assert_allclose((ball.pose @ ball.place)[:3, 3], [0.6, 0.3, 0.4], atol=1e-12)
+    np.testing.assert_allclose((ball.pose @ ball.placement)[:3, 3], [0.6, 0.3, 0.4], atol=1e-12)
     np.testing.assert_allclose(ball.twist, 0.0, atol=1e-12)
     obstacle_scene.move(0.5)
     np.testing.assert_allclose(ball.twist[3:], [0, -0.1 * np.pi, 0], atol=1e-12)
