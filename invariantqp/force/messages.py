@@ -87,59 +87,71 @@ def warnings_of(
     report: Report, whole: Any, loop: Controller, sensor: WrenchSensor | None, contact: Contact
 ) -> list[str]:
     """The messages of the warnings of a tick, from the whole `HybridState` of a controller."""
-    state, flags = whole.law, report.warnings
-    found: list[str] = []
+    return [
+        *_press_warnings(report, whole.law, sensor, contact),
+        *_motion_warnings(report, whole, loop, sensor, contact),
+    ]
+
+
+def _press_warnings(report: Report, state: Any, sensor: WrenchSensor | None, contact: Contact) -> list[str]:
+    """Messages of the flags: the readings and how the force responds."""
+    flags, found = report.warnings, list[str]()
+    if not flags:
+        return found
     noise, drift = (0.0, 0.0) if sensor is None else (sensor.noise, sensor.drift)
     off = f"for {written(state.time_off, 2)} s"
+    if flags & NOISY:
+        found.append(f"readings have {written(state.noise, 2)} N of noise, {written(noise, 2)} are declared (noise=)")
+    if flags & OSCILLATES:
+        found.append(
+            f"the press oscillates about {written(state.desired, 3)} N with a delay of "
+            f"{written(1e3 * report.delay, 2)} ms in all; the force gain is lowered to {written(state.gain_scale, 2)}"
+        )
+    if flags & NOT_REACHED:
+        found.append(
+            f"the force is not reached: {written(state.mean, 3)} of {written(state.desired, 3)} N {off}"
+            if contact.kind.presses
+            else f"force or moment is not reached: {written(100.0 * state.mean, 2)} % of an overload off {off}"
+        )
+    if flags & UNLOADING:
+        found.append("the readings contradict the displacement: unloading to see whether they fall")
+    if flags & UNRESPONSIVE and not flags & UNLOADING:
+        found.append(
+            f"the force does not respond to the motion: it may be off by {written(state.unexplained_force, 2)} N"
+        )
+    if flags & TARING:
+        found.append("the sensor reads a press from the start: unloading to tell a contact from a bias")
+    if flags & TARE_IS_OLD:
+        found.append(
+            f"not tared for {written(state.tare_age, 2)} s: the press may be off by "
+            f"{written(drift * state.tare_age, 2)} N (drift=)"
+        )
+    return found
 
-    def add(is_true: Any, message: str) -> None:
-        if is_true:
-            found.append(message)
 
-    add(
-        flags & NOISY,
-        f"readings have {written(state.noise, 2)} N of noise, {written(noise, 2)} are declared (noise=)",
-    )
-    add(
-        flags & OSCILLATES,
-        f"the press oscillates about {written(state.desired, 3)} N with a delay of {written(1e3 * report.delay, 2)} ms "
-        f"in all; the force gain is lowered to {written(state.gain_scale, 2)}",
-    )
-    add(
-        flags & NOT_REACHED,
-        f"the force is not reached: {written(state.mean, 3)} of {written(state.desired, 3)} N {off}"
-        if contact.kind.presses
-        else f"force or moment is not reached: {written(100.0 * state.mean, 2)} % of an overload off {off}",
-    )
-    add(flags & UNLOADING, "the readings contradict the displacement: unloading to see whether they fall")
-    add(
-        flags & UNRESPONSIVE and not flags & UNLOADING,
-        f"the force does not respond to the motion: it may be off by {written(state.unexplained_force, 2)} N",
-    )
-    add(flags & TARING, "the sensor reads a press from the start: unloading to tell a contact from a bias")
-    add(
-        flags & TARE_IS_OLD,
-        f"not tared for {written(state.tare_age, 2)} s: the press may be off by "
-        f"{written(drift * state.tare_age, 2)} N (drift=)",
-    )
-    add(
-        0.0 < report.motion_gain < loop.gain,
-        f"commands act {written(1e3 * (state.lag - loop.delay), 3)} ms later than declared: give delay=, the motion's "
-        f"gain is {written(report.motion_gain, 3)} instead of {written(loop.gain, 3)} 1/s",
-    )
-    add(
-        report.gain_scale < 1.0,
-        f"{written(max(noise, state.noise), 2)} N of noise would take the joints' acceleration: "
-        f"{written(report.gain_scale, 2)} of the force gain is left; give the sensor a lower cutoff=",
-    )
-    add(
-        report.unreachable > 0.0,
-        f"{len(loop.robot.names)} joints cannot move the tool along this contact ({contact.name}): "
-        f"{written(100.0 * report.unreachable, 2)} % of the motion presses",
-    )
-    add(
-        whole.normal_bound > 0.0,
-        f"the normal is {written(degrees(whole.normal_bound), 3)} deg off the declared one, the most that "
-        "normal_within allows",
-    )
+def _motion_warnings(
+    report: Report, whole: Any, loop: Controller, sensor: WrenchSensor | None, contact: Contact
+) -> list[str]:
+    """Messages of what limits gains and motion."""
+    found, noise = list[str](), 0.0 if sensor is None else sensor.noise
+    if 0.0 < report.motion_gain < loop.gain:
+        found.append(
+            f"commands act {written(1e3 * (whole.law.lag - loop.delay), 3)} ms later than declared: give delay=, the "
+            f"motion's gain is {written(report.motion_gain, 3)} instead of {written(loop.gain, 3)} 1/s"
+        )
+    if report.gain_scale < 1.0:
+        found.append(
+            f"{written(max(noise, whole.law.noise), 2)} N of noise would take the joints' acceleration: "
+            f"{written(report.gain_scale, 2)} of the force gain is left; give the sensor a lower cutoff="
+        )
+    if report.unreachable > 0.0:
+        found.append(
+            f"{len(loop.robot.names)} joints cannot move the tool along this contact ({contact.name}): "
+            f"{written(100.0 * report.unreachable, 2)} % of the motion presses"
+        )
+    if whole.normal_bound > 0.0:
+        found.append(
+            f"the normal is {written(degrees(whole.normal_bound), 3)} deg off the declared one, the most that "
+            "normal_within allows"
+        )
     return found
