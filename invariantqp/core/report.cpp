@@ -69,9 +69,7 @@ class Reporter {
                        : limited ? Status::limited
                                  : Status::ok;
         found.damping = missed > 0 ? tick.damping : 0;
-        found.method = answer.limits_active || answer.scale < 1 - ACTIVE_TOLERANCE ? Method::qp
-                       : found.damping > 0 ? Method::damped
-                                           : Method::closed_form;
+        found.method = answer.limits_active ? Method::qp : found.damping > 0 ? Method::damped : Method::closed_form;
         if (found.status == Status::limited)
             explain(missed, stuck || !off.empty());
         add_active();

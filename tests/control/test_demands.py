@@ -6,6 +6,7 @@ from support.loops import OwnDemand
 
 import invariantqp as iq
 from invariantqp.control.demands import View, demands_of
+from invariantqp.robots.kinematics import middle
 
 DT = 0.01
 Q = np.array([0.1, -0.4, 0.5, 0.6, 0.2])
@@ -401,3 +402,14 @@ def test_rows_of_a_nearly_singular_arm_contradict_nothing(name):
             states += np.linalg.svd(robot.jacobian(q))[1][-1] < 1e-7
             assert solution.status in {"ok", "scaled", "limited"}
     assert states > 50
+
+
+@pytest.mark.parametrize("name", ["so101", "ur5e", "panda"])
+def test_an_exact_position_away_from_limits_has_no_active_limit(name):
+    """Exact rows that only the damping slows are solved in closed form."""
+    robot = iq.load_robot(name)
+    controller, q = iq.Controller(robot, dt=0.002, exact="position"), middle(robot) + 0.1
+    for k in range(50):
+        solution = controller.step(q, robot.pose(q + 0.01 * np.sin(0.1 * k)))
+        assert (solution.method, solution.active) == ("closed-form", ())
+        q = q + 0.002 * solution.velocity

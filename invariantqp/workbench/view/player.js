@@ -74,8 +74,8 @@ const HUES = { ...Object.fromEntries(Object.entries(first.hues).map(([name, hue]
   dark: rgb("#4a5764"), touched: rgb("#cdbb9f") };
 const keyed = (hue, words) => `<span><i style="color:${run.hues[hue]}"></i>${words}</span> `;
 function key() {
-  $("key").innerHTML = (run.recorded ? "" : keyed("wanted", "path wanted"))
-    + keyed("drawn", run.recorded ? "path recorded" : "path drawn")
+  $("key").innerHTML = (run.recorded ? "" : keyed("wanted", "desired path"))
+    + keyed("drawn", run.recorded ? "recorded path" : "actual path")
     + (arrays.force ? keyed("force", "force of the tool") : "") + keyed("travel", "velocity of the tool")
     + (solids.length ? keyed("body", "bodies kept apart") : "")
     + (matchMedia("(pointer: coarse)").matches ? "<br>drag: turn, two fingers: zoom"
