@@ -36,6 +36,8 @@ from invariantqp.velocity.solution import Status, VelocitySolution, has_no_motio
 
 # The longest dead time of commands.
 MAX_DELAY_TICKS = 10_000
+# The tool pose of a contact that does not depend on it.
+NO_TOOL = np.eye(4)
 # In the engine's order.
 ON_LOSS = ("approach", "hold", "retreat", "continue")
 # Settings of the engine that are attributes of the task.
@@ -252,7 +254,7 @@ class HybridController:
         task, loop, inner = self.task, self.loop, self.loop.in_engine
         given = task.contact if contact is None else contact
         needs_tool = not isinstance(given, Contact) or given.kind.presses == 0
-        tool = self.robot.pose(q) if needs_tool else np.eye(4)
+        tool = self.robot.pose(q) if needs_tool else NO_TOOL
         contact = task.contact_at(tool, contact)
         split = self.splits.at(contact, tool)
         plain = self._order is not None and are_numbers(wrench)
