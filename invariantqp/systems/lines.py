@@ -71,11 +71,11 @@ class Involution(Value):
         holds: whether forces along the lines, not all zero, need no torque of any joint.
         determinant: Sylvester's det(J'Q_0 J) of the columns as given; J A has det(A)^2 times it.
         rank: number of independent lines.
-        transversals: (6, n) unit lines that meet (or are parallel to) all lines: all of them if finitely many, else a
-            basis of their span.
+        transversals: (6, n) unit lines that meet (or are parallel to) all lines: all of them if finitely many, else
+            lines among them that are a basis of their span.
         transversal_count: 0, 1, 2 or inf, without those at infinity.
         double: whether the only transversal, a line or at infinity, counts twice (the limit of two).
-        at_infinity: (6, k) translations reciprocal to all lines: transversals at infinity.
+        at_infinity: (6, k) unit translations reciprocal to all lines, a basis: the transversals at infinity.
         joint_forces: (m,) lambda, unit, the forces along the lines that balance; None unless `holds`.
         equilibrium_wrench: (6,) their sum W = Q_0 J lambda: zero if the lines are dependent, else a force along a
             transversal, or a couple, that does no work on any joint; None unless `holds`.
@@ -119,8 +119,7 @@ def involution(lines: ArrayLike, tolerance: float = 1.0 / LARGEST_CONDITION) -> 
         forces = np.asarray(forces / np.linalg.norm(forces))
         wrench = Q.dot(J.dot(forces))
     R = orthogonal(Q.dot(system.span.basis))
-    null, infinite, double = _null_lines(R, Q, kernel)
-    finite, at_infinity = _finite_and_infinite(null, limit * system.joint_condition)
+    finite, at_infinity, infinite, double = _transversals(R, Q, kernel, limit * system.joint_condition)
     return Involution(
         holds=dependent or kernel > 0,
         determinant=float(np.linalg.det(gram_matrix(system, 0.0))),
@@ -148,10 +147,10 @@ def _lines(value: ArrayLike) -> Array:
     return J
 
 
-def _null_lines(R: Array, Q: Array, kernel: int) -> tuple[Array, bool, bool]:
-    """Null twists of the Klein form on the reciprocal system R (6, n); whether infinitely many; whether one is double.
+def _transversals(R: Array, Q: Array, kernel: int, tolerance: float) -> tuple[Array, Array, bool, bool]:
+    """Lines and translations of the reciprocal system R (6, n); whether infinitely many; whether one is double.
 
-    `kernel` is the dimension of S meet S^{perp 0}, the kernel of the form on S and on R.
+    `kernel` is the dimension of S meet S^{perp 0}, the kernel of the Klein form on S and on R.
     """
     n = R.shape[1]
     mu, E = np.linalg.eigh(R.T.dot(Q).dot(R))
@@ -162,11 +161,18 @@ def _null_lines(R: Array, Q: Array, kernel: int) -> tuple[Array, bool, bool]:
     pairs = [
         np.sqrt(-mu[j]) * E[:, i] + sign * np.sqrt(mu[i]) * E[:, j] for i in up for j in down for sign in (1.0, -1.0)
     ]
-    null = np.hstack((E[:, zero], np.array(pairs).T.reshape(n, len(pairs))))
-    infinite = kernel > 1
-    if n > 2 and pairs:  # infinitely many: a basis of their span
-        infinite, null = True, null[:, _independent(null)]
-    return R.dot(null), infinite, n > 1 and kernel == 1 and not pairs
+    null = [*E[:, zero].T, *pairs]
+    infinite = kernel > 1 or (n > 2 and bool(pairs))
+    if infinite:  # sums with the kernel are null too: lines where a translation is not
+        null += [a + b for i, a in enumerate(null[:kernel]) for b in null[i + 1 :]]
+    unit, is_line = _unit_lines(R.dot(np.array(null).T.reshape(n, len(null))), tolerance)
+    lines, at_infinity = unit[:, is_line], unit[:, ~is_line]
+    if infinite:
+        lines = lines[:, _independent(lines)]
+        _, sigma, V = np.linalg.svd(R[:3])
+        at_infinity = R.dot(V[np.count_nonzero(sigma > tolerance) :].T)
+    at_infinity[:3] = 0.0
+    return lines, at_infinity, infinite, n > 1 and kernel == 1 and not pairs
 
 
 def _independent(columns: Array) -> list[int]:
@@ -179,14 +185,12 @@ def _independent(columns: Array) -> list[int]:
     return chosen
 
 
-def _finite_and_infinite(null: Array, tolerance: float) -> tuple[Array, Array]:
-    """Null twists as unit lines, and those with no angular part as unit translations."""
+def _unit_lines(null: Array, tolerance: float) -> tuple[Array, Array]:
+    """Null twists as unit lines, or unit translations if they have no angular part; and which of them are lines."""
     unit = null / np.sqrt((null * null).sum(axis=0))
     w = np.sqrt((unit[:3] * unit[:3]).sum(axis=0))
-    infinite = w <= tolerance
-    at_infinity = unit[:, infinite]
-    at_infinity[:3] = 0.0
-    return unit[:, ~infinite] / w[~infinite], at_infinity
+    is_line = w > tolerance
+    return unit / np.where(is_line, w, 1.0), is_line
 
 
 @frozen(eq=False, repr=False, slots=False)

@@ -66,23 +66,26 @@ def test_generic_lines_are_not_in_involution(m):
     assert found.transversal_count == {2: inf, 3: inf, 4: found.transversal_count, 5: 0, 6: 0}[m]
 
 
-def check(J, found):
-    """What every involution must satisfy."""
-    assert found.holds
-    W, forces = found.equilibrium_wrench, found.joint_forces
-    np.testing.assert_allclose(J.T @ W, 0.0, atol=1e-10)
-    np.testing.assert_allclose(Q0 @ J @ forces, W, atol=1e-10)
-    assert np.linalg.norm(forces) == pytest.approx(1.0)
-    assert W[:3] @ W[3:] == pytest.approx(
-        0.0, abs=1e-10
-    )  # a force along a line, or a couple: not a wrench of finite pitch
+def check_transversals(J, found):
     for t in found.transversals.T:
         np.testing.assert_allclose(J.T @ Q0 @ t, 0.0, atol=1e-9)
         assert iq.se3.pitch(t) == pytest.approx(0.0, abs=1e-9)
         assert np.linalg.norm(t[:3]) == pytest.approx(1.0)
-    assert np.linalg.matrix_rank(found.transversals) == found.transversals.shape[1]
-    for t in found.at_infinity.T:
-        np.testing.assert_allclose(J.T @ Q0 @ t, 0.0, atol=1e-9)
+    np.testing.assert_allclose(J.T @ Q0 @ found.at_infinity, 0.0, atol=1e-9)
+    np.testing.assert_allclose(found.at_infinity[:3], 0.0)
+    for columns in (found.transversals, found.at_infinity):
+        assert np.linalg.matrix_rank(columns) == columns.shape[1]
+
+
+def check(J, found):
+    """What every involution must satisfy."""
+    assert found.holds
+    check_transversals(J, found)
+    W, forces = found.equilibrium_wrench, found.joint_forces
+    np.testing.assert_allclose(J.T @ W, 0.0, atol=1e-10)
+    np.testing.assert_allclose(Q0 @ J @ forces, W, atol=1e-10)
+    assert np.linalg.norm(forces) == pytest.approx(1.0)
+    assert W[:3] @ W[3:] == pytest.approx(0.0, abs=1e-10)  # a force along a line, or a couple
 
 
 def pencil(rng, n, *, parallel=False):
@@ -123,7 +126,7 @@ OF_FOUR_LINES = [
     ("IA", (0.0, 0.5), 1, 0, True, True),
     ("IIB", (0.7,), 0, 1, True, True),
     ("IIA", (0.0,), inf, 0, False, True),
-    ("IIB", (0.0,), inf, 0, False, True),
+    ("IIB", (0.0,), inf, 1, False, True),
 ]
 
 
@@ -144,11 +147,38 @@ def test_four_lines_by_the_type_of_their_reciprocal(name, moduli, count, at_infi
         found, kind = iq.involution(J), iq.gibson_hunt(J)
         assert (str(kind), kind.moduli) == (name, pytest.approx(moduli, abs=1e-6))
         assert (found.rank, found.transversal_count, found.double, found.holds) == (4, count, double, holds)
-        assert found.transversals.shape[1] + found.at_infinity.shape[1] == min(count, 2) + at_infinity
-        assert count == inf or found.at_infinity.shape[1] == at_infinity
+        assert (found.transversals.shape[1], found.at_infinity.shape[1]) == (min(count, 2), at_infinity)
         assert any(iq.has_pseudoinverse(J, h) for h in (-1.3, 0.0, 0.4)) is (name != "IIB")
         if holds:
             check(J, found)
+
+
+# Lines as (direction, point); dimensions of the span of their transversals, and of those at infinity.
+X, Y, Z, O = (1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 0)
+INFINITELY_MANY = {
+    "one line, twice": ([(Z, O), (Z, O)], 5, 2),
+    "parallel": ([(Z, O), (Z, X)], 4, 2),
+    "meeting": ([(X, O), (Y, O)], 4, 1),
+    "skew": ([(X, O), (Y, Z)], 4, 1),
+    "parallel, three": ([(Z, O), (Z, X), (Z, Y)], 3, 2),
+    "in one plane": ([(X, O), (Y, O), (X, Y)], 3, 1),
+    "through one point": ([(X, O), (Y, O), (Z, O)], 3, 0),
+    "a regulus": ([(X, O), (Y, Z), ((1, 2, 3), (1, 1, 0))], 3, 0),
+}
+
+
+@pytest.mark.parametrize("name", INFINITELY_MANY)
+def test_infinitely_many_transversals_and_those_at_infinity(name):
+    """The transversals span the whole reciprocal system; those at infinity are the translations across the lines."""
+    lines, dimension, translations = INFINITELY_MANY[name]
+    rng = np.random.default_rng(14)
+    J = np.array([iq.revolute(direction, point) for direction, point in lines]).T
+    for T in (np.eye(4), *(motion(rng) for _ in range(5))):
+        moved = iq.adjoint(T) @ J
+        found = iq.involution(moved)
+        check_transversals(moved, found)
+        shapes = found.transversals.shape[1], found.at_infinity.shape[1]
+        assert (found.transversal_count, *shapes) == (inf, dimension, translations)
 
 
 def test_five_lines_parallel_to_a_plane_have_their_transversal_at_infinity():
