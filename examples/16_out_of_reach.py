@@ -19,7 +19,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from invariantqp.lerobot import RobotKinematics
-from invariantqp.robots.load import urdf_of
+from invariantqp.robots import urdf_of
 from invariantqp.robots.urdf import read_xml
 from invariantqp.workbench.view.appearance import appearance_of
 

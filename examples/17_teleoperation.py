@@ -25,7 +25,7 @@ import numpy as np
 
 import invariantqp as iq
 from invariantqp.lerobot import ActionFollower, RobotKinematics
-from invariantqp.robots.load import urdf_of
+from invariantqp.robots import urdf_of
 
 JOINTS = ["shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper"]
 FRAMES, RATE = 300, 30.0

@@ -17,7 +17,7 @@ import numpy as np
 from shared.contact_scenes import scenes
 
 import invariantqp as iq
-from invariantqp.robots.load import urdf_of
+from invariantqp.robots import urdf_of
 from invariantqp.workbench.runs.contactspec import Physics
 from invariantqp.workbench.runs.plant import Measurement, PlantState
 

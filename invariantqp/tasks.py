@@ -11,5 +11,4 @@ if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.workbench.runs.taskfile import Task as Task
     from invariantqp.workbench.runs.taskfile import load_task as load_task
     from invariantqp.workbench.runs.taskfile import shipped_tasks as shipped_tasks
-    from invariantqp.workbench.runs.trace import ContactTrace as ContactTrace
     from invariantqp.workbench.runs.trace import Trace as Trace

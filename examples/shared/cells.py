@@ -7,7 +7,7 @@ forces first, what the world does to the tool, and carries the tool. Replace `Ce
 import numpy as np
 
 import invariantqp as iq
-from invariantqp.robots.load import urdf_of
+from invariantqp.robots import urdf_of
 from invariantqp.workbench.runs.contactspec import Physics
 from invariantqp.workbench.runs.mujoco import MujocoPlant
 from invariantqp.workbench.runs.plant import Plane, SimulatedSensor, SurfaceSprings

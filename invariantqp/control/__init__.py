@@ -20,6 +20,5 @@ if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.control.demands import ExactTwist as ExactTwist
     from invariantqp.control.demands import View as View
     from invariantqp.control.passivity import LinkEnd as LinkEnd
-    from invariantqp.control.passivity import LinkTick as LinkTick
     from invariantqp.control.shared import SharedTask as SharedTask
     from invariantqp.control.target import Target as Target

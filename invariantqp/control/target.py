@@ -66,6 +66,20 @@ class Target(Value):
         """The number of constrained directions: three of the point, two of the axis."""
         return (0 if self.point is None else 3) + (0 if self.axis is None else 2)
 
+    def met_by(self, pose: ArrayLike) -> Target:
+        """The target of the same kind that a tool at a pose (4, 4) meets."""
+        return met_by(self, arrays.pose(pose, "pose"))
+
+    def errors(self, pose: ArrayLike) -> tuple[float, float]:
+        """Distance of the point [length] and angle of the axis [rad] of a pose (4, 4) from the target, 0 if free."""
+        return target_errors(self, arrays.pose(pose, "pose"))
+
+    def relabelled(self, tool_offset: ArrayLike) -> Target:
+        """The same target for a tool frame that is displaced by a pose (4, 4) in itself."""
+        back = se3.inverse(arrays.pose(tool_offset, "tool_offset"))
+        tool_axis = back[:3, :3].dot(self.tool_axis)
+        return Target(self.point, self.axis, tool_point=_transformed(back, self.tool_point), tool_axis=tool_axis)
+
 
 def _transformed(pose: Array, point: Array) -> Array:
     """(3,) a point (3,) of a frame with a pose (4, 4), in the frame of the pose."""
@@ -81,13 +95,6 @@ def met_by(target: Target, pose: Array) -> Target:
         tool_point=target.tool_point,
         tool_axis=target.tool_axis,
     )
-
-
-def relabelled(target: Target, X: Array) -> Target:
-    """The same target for a tool frame that is displaced by X (4, 4) in itself."""
-    back = se3.inverse(X)
-    tool_axis = back[:3, :3].dot(target.tool_axis)
-    return Target(target.point, target.axis, tool_point=_transformed(back, target.tool_point), tool_axis=tool_axis)
 
 
 def nearest_pose(target: Target, pose: Array) -> Array:

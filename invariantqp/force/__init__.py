@@ -16,6 +16,5 @@ if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.force.control import HybridSolution as HybridSolution
     from invariantqp.force.loop_margins import Margins as Margins
     from invariantqp.force.loop_margins import margins as margins
-    from invariantqp.force.sensor import SensorCheck as SensorCheck
     from invariantqp.force.sensor import WrenchSensor as WrenchSensor
     from invariantqp.force.wrench import Wrench as Wrench

@@ -17,4 +17,7 @@ if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.robots.compose import stand_on as stand_on
     from invariantqp.robots.kinematics import Robot as Robot
     from invariantqp.robots.kinematics import RobotState as RobotState
+    from invariantqp.robots.kinematics import joint_ranges as joint_ranges
+    from invariantqp.robots.kinematics import middle as middle
     from invariantqp.robots.load import load_robot as load_robot
+    from invariantqp.robots.load import urdf_of as urdf_of

@@ -108,7 +108,12 @@ def cached_for(robot: Robot, name: str, make: Callable[[Robot], T]) -> T:
 
 
 def middle(robot: Robot) -> Array:
-    """The middle of each joint's range; 0, or the limit nearest it, where the range is not bounded."""
+    """(m,) the middle of each joint's range [rad, length]; 0, or the limit nearest it, where it has no bounds.
+
+    Raises:
+        BadInput: not a robot.
+    """
+    require_robot(robot)
     lower, upper = robot.position_lower, robot.position_upper
     bounded = np.isfinite(lower) & np.isfinite(upper)
     centre = 0.5 * (np.where(bounded, lower, 0.0) + np.where(bounded, upper, 0.0))
@@ -116,7 +121,11 @@ def middle(robot: Robot) -> Array:
 
 
 def joint_ranges(robot: Robot) -> tuple[Array, Array]:
-    """(m,) lower and upper limits; of joints without one, half a turn, or half a unit of length, from the middle."""
+    """(m,) lower and upper limits [rad, length]; without one, half a turn or half a unit of length from the middle.
+
+    Raises:
+        BadInput: not a robot.
+    """
     mid = middle(robot)
     half = np.where(angular_speeds(robot.jacobian(mid)) > 0.0, np.pi, 0.5)
     low, high = robot.position_lower, robot.position_upper

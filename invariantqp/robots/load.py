@@ -216,7 +216,15 @@ def _from_screws(screws: ArrayLike, home: str | ArrayLike | None, names: tuple[s
 
 
 def urdf_of(source: str | PathLike[str]) -> Path:
-    """The URDF file of a known name or a path."""
+    """The path of the URDF file of a named robot (extra `robots`), or the given path of a URDF or MJCF.
+
+    Raises:
+        BadInput: neither text nor a path.
+        UnknownName: no robot of that name; similar names are listed.
+        RobotModelError: no file at that path, or a robot that is known by its joint screws alone.
+        MissingExtra: a named robot without the extra `robots`.
+    """
+    arrays.instance(source, (str, PathLike), "source", "a robot's name or a path")
     known = EXAMPLE_ROBOTS.get(str(source))
     if known is not None:
         return _example_data_folder() / known.urdf

@@ -19,8 +19,6 @@ if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.systems.families import PitchField as PitchField
     from invariantqp.systems.families import cylindroid as cylindroid
     from invariantqp.systems.families import pitch_field as pitch_field
-    from invariantqp.systems.gram import Border as Border
-    from invariantqp.systems.gram import PrincipalPitches as PrincipalPitches
     from invariantqp.systems.gram import blind_directions as blind_directions
     from invariantqp.systems.gram import gram_matrix as gram_matrix
     from invariantqp.systems.gram import gram_polynomial as gram_polynomial
@@ -32,20 +30,14 @@ if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.systems.lines import beta_plane as beta_plane
     from invariantqp.systems.lines import involution as involution
     from invariantqp.systems.lines import null_plane as null_plane
-    from invariantqp.systems.mechanisms import Mobility as Mobility
-    from invariantqp.systems.mechanisms import NamedScrew as NamedScrew
     from invariantqp.systems.mechanisms import limb_constraints as limb_constraints
     from invariantqp.systems.mechanisms import mobility as mobility
-    from invariantqp.systems.points import Centre as Centre
-    from invariantqp.systems.points import PointMotion as PointMotion
     from invariantqp.systems.points import centre as centre
     from invariantqp.systems.points import motions_along as motions_along
     from invariantqp.systems.points import point_motion as point_motion
     from invariantqp.systems.points import reach as reach
     from invariantqp.systems.projectors import DualProjectors as DualProjectors
     from invariantqp.systems.projectors import dual_projectors as dual_projectors
-    from invariantqp.systems.pseudoinverses import Existence as Existence
-    from invariantqp.systems.pseudoinverses import PenroseConditions as PenroseConditions
     from invariantqp.systems.pseudoinverses import damped_pseudoinverse as damped_pseudoinverse
     from invariantqp.systems.pseudoinverses import existence as existence
     from invariantqp.systems.pseudoinverses import form_adjoint as form_adjoint
@@ -55,16 +47,12 @@ if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.systems.pseudoinverses import pseudoinverse as pseudoinverse
     from invariantqp.systems.report import SystemReport as SystemReport
     from invariantqp.systems.report import describe as describe
-    from invariantqp.systems.spectra import HyperbolicPolar as HyperbolicPolar
-    from invariantqp.systems.spectra import HyperbolicSpectrum as HyperbolicSpectrum
     from invariantqp.systems.spectra import hyperbolic_polar as hyperbolic_polar
     from invariantqp.systems.spectra import hyperbolic_singular_values as hyperbolic_singular_values
-    from invariantqp.systems.stationary import StationaryPoint as StationaryPoint
     from invariantqp.systems.stationary import error_form as error_form
     from invariantqp.systems.stationary import psi as psi
     from invariantqp.systems.stationary import stationary_point as stationary_point
     from invariantqp.systems.stationary import vanishing_pitches as vanishing_pitches
-    from invariantqp.systems.stiffness import Eigenscrews as Eigenscrews
     from invariantqp.systems.stiffness import eigenscrews as eigenscrews
     from invariantqp.systems.stiffness import leg_spectrum as leg_spectrum
     from invariantqp.systems.stiffness import leg_wrenches as leg_wrenches

@@ -44,7 +44,7 @@ from typing import Literal
 import numpy as np
 from attrs import field, frozen
 from attrs.converters import optional
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
@@ -185,7 +185,7 @@ def _independent(columns: Array) -> list[int]:
     return chosen
 
 
-def _unit_lines(null: Array, tolerance: float) -> tuple[Array, Array]:
+def _unit_lines(null: Array, tolerance: float) -> tuple[Array, NDArray[np.bool_]]:
     """Null twists as unit lines, or unit translations if they have no angular part; and which of them are lines."""
     unit = null / np.sqrt((null * null).sum(axis=0))
     w = np.sqrt((unit[:3] * unit[:3]).sum(axis=0))

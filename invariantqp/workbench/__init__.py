@@ -13,11 +13,8 @@ from invariantqp.lazy import loaded_on_use
 if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.workbench.analysis.inspection import Inspection as Inspection
     from invariantqp.workbench.analysis.inspection import inspect as inspect
-    from invariantqp.workbench.analysis.recommendation import Recommendation as Recommendation
-    from invariantqp.workbench.analysis.survey import Survey as Survey
     from invariantqp.workbench.pictures.inspection import pitch_picture as pitch_picture
     from invariantqp.workbench.pictures.run import picture as picture
-    from invariantqp.workbench.runs.frames import FrameCheck as FrameCheck
     from invariantqp.workbench.runs.frames import frame_check as frame_check
     from invariantqp.workbench.view.page import animation as animation
     from invariantqp.workbench.view.server import Viewer as Viewer

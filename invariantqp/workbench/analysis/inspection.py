@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from invariantqp.errors import BadInput, written
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.robots.kinematics import Robot, middle, require_robot
+from invariantqp.robots.kinematics import Robot, middle
 from invariantqp.systems import SystemReport, centre, describe
 from invariantqp.workbench.analysis.recommendation import MAX_NORM, Recommendation, recommend, smallest_norm
 from invariantqp.workbench.analysis.survey import Survey, spread, survey
@@ -156,7 +156,7 @@ def inspect(robot: Robot, *, name: str = "robot", q: ArrayLike | None = None, sa
             sampled state farthest from singularities.
         samples: number of states of the joint range; 64 take some 50 ms.
     """
-    mid = middle(require_robot(robot))
+    mid = middle(robot)
     state, where = mid, "in the middle of the joint range"
     if q is not None:
         state, where = arrays.joint_vector(q, robot.names, "q"), "at the joint positions given"

@@ -59,7 +59,7 @@ def inspect(
     ] = None,
 ) -> None:
     """Say what ROBOT can do and which form to give it: rank, type, pitches to stay away from, blind directions."""
-    from invariantqp.control.plausibility import bounds_against_degrees, require_plausible
+    from invariantqp.control.controller import Controller
     from invariantqp.workbench.analysis.inspection import inspect as inspect_arm
     from invariantqp.workbench.runs.taskfile import load_arm
 
@@ -74,7 +74,7 @@ def inspect(
     options = {} if samples is None else {"samples": samples}
     inspection = inspect_arm(loaded, name=robot, q=state, **options)
     if state is not None:
-        require_plausible(loaded, inspection.q, bounds_against_degrees(loaded, loaded.jacobian(inspection.q)), "--q")
+        Controller(loaded, dt=0.001, posture=False).checked_positions(inspection.q, "--q")
     limit = None
     if clearance:
         from invariantqp.limits import Clearance

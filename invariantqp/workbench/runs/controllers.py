@@ -15,7 +15,6 @@ import numpy as np
 from invariantqp.control.controller import Controller, Controls
 from invariantqp.control.loop_limits import AnyLimit as Limit
 from invariantqp.control.shared import SharedTask
-from invariantqp.control.target import met_by
 from invariantqp.control.tracking import tracking_twist
 from invariantqp.errors import BadInput
 from invariantqp.force.contact_kinds import face_contact
@@ -75,7 +74,7 @@ class ElasticPathController(TaskController):
         n = len(problem.poses)
         samples = np.unique(np.linspace(0, n - 1, min(n, PATH_SAMPLES)).round().astype(int))
         poses = problem.poses[samples]
-        path = poses if problem.part is None else [met_by(problem.part, T) for T in poses]
+        path = poses if problem.part is None else [problem.part.met_by(T) for T in poses]
         self.follower: PathFollower = PathFollower(loop, path, times=problem.time[samples], rate=1.0)
         self.follower.prepare(q)
         self.form = loop.form

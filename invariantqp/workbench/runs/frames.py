@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from invariantqp.control.target import relabelled
 from invariantqp.control.tracking import tracking_gain
 from invariantqp.errors import BadInput
 from invariantqp.force.contact_kinds import SIX_DIGITS
@@ -63,7 +62,7 @@ def _with_tool(problem: ControlProblem, X: Array) -> ControlProblem:
         robot=problem.robot.with_tool(X),
         law=law.model_copy(update={key: tuple(p.tolist()) for key, p in points.items()}),
         poses=problem.poses.dot(X),
-        part=None if problem.part is None else relabelled(problem.part, X),
+        part=None if problem.part is None else problem.part.relabelled(X),
         contact_task=None if problem.contact_task is None else problem.contact_task.relabelled(None, X),
         sensor=None if problem.sensor is None else problem.sensor.relabelled(None, X),
     )

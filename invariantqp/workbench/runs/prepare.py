@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import ValidationError
 
-from invariantqp.control.target import Target, met_by
+from invariantqp.control.target import Target
 from invariantqp.errors import BadInput, InvariantQPError, TaskFileError
 from invariantqp.force.contact import HybridTask
 from invariantqp.force.sensor import WrenchSensor
@@ -53,7 +52,7 @@ class ControlProblem:
 
     def goals(self) -> list[Goal]:
         """The goals of all ticks."""
-        target = self.robot.target if self.part is None else partial(met_by, self.part)
+        target = self.robot.target if self.part is None else self.part.met_by
         ticks = zip(self.poses, self.feedforward, self.time.tolist(), strict=False)
         return [Goal(target(T), twist, t) for T, twist, t in ticks]
 

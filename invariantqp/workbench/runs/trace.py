@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from invariantqp.control.target import Target, met_by, target_errors
+from invariantqp.control.target import Target
 from invariantqp.force.contact_kinds import Contact
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
@@ -87,7 +87,7 @@ def errors(
     In contact they are those along its freedoms.
     """
     if part is not None:
-        return np.array([target_errors(met_by(part, T), state.pose) for state, T in zip(after, wanted, strict=True)])
+        return np.array([part.met_by(T).errors(state.pose) for state, T in zip(after, wanted, strict=True)])
     if scene is None:
         return np.array([distance(state.pose, T) for state, T in zip(after, wanted, strict=True)])
     return np.array([scene.motion_error(c, s.pose, T) for c, s, T in zip(contacts, after, wanted, strict=True)])
