@@ -74,7 +74,9 @@ def test_at_rank_six_it_is_moore_penrose_for_every_pitch(m):
     J = rng.normal(size=(6, m))
     for h in (-1e3, -0.2, 0.0, 0.3, 1e3):
         np.testing.assert_allclose(iq.pseudoinverse(J, h), np.linalg.pinv(J), atol=1e-13 * np.linalg.cond(J))
-        assert iq.has_pseudoinverse(J, h)
+        found = iq.systems.existence(J, h)
+        assert (iq.has_pseudoinverse(J, h), found.exists, found.certificate) == (True, True, None)
+    assert penrose_conditions(J[:, :5], np.linalg.pinv(J[:, :5]), 0.4).met == (True, True, False, True)
 
 
 @EXAMPLES
@@ -580,14 +582,6 @@ def test_each_condition_can_fail_alone(seed):
     assert penrose_conditions(J, other, h).met == (True, True, True, False)
 
 
-def test_moore_penrose_is_one_at_rank_six_only():
-    rng = np.random.default_rng(2)
-    J = rng.normal(size=(6, 7))
-    assert all(penrose_conditions(J, np.linalg.pinv(J), 0.4).met)
-    J = rng.normal(size=(6, 5))
-    assert penrose_conditions(J, np.linalg.pinv(J), 0.4).met == (True, True, False, True)
-
-
 def test_residuals_measure_an_error_of_the_pseudoinverse():
     rng = np.random.default_rng(4)
     J = generic(rng, 3)
@@ -634,12 +628,8 @@ def test_all_three_numbers_are_small_near_a_principal_pitch():
                 assert off * 1e-3 < number < off * 1e3
 
 
-def test_rank_six_and_zero_always_exist():
-    for J in (np.random.default_rng(1).normal(size=(6, 7)), np.zeros((6, 2))):
-        found = iq.systems.existence(J, 0.0)
-        assert found.exists
-        assert found.certificate is None
-        assert iq.has_pseudoinverse(J, 0.5)
+def test_of_zero_twists_it_is_zero():
+    assert iq.systems.existence(np.zeros((6, 2)), 0.0).exists
     np.testing.assert_array_equal(iq.pseudoinverse(np.zeros((6, 3)), 0.5), np.zeros((3, 6)))
 
 

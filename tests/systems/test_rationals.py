@@ -44,11 +44,16 @@ def inverse(A):
 
 
 def determinant(A):
-    """By cofactors of the first row: at most six rows, of small fractions."""
-    if not A:
-        return Fraction(1)
-    minors = ([[*row[:c], *row[c + 1 :]] for row in A[1:]] for c in range(len(A)))
-    return sum((-1) ** c * x * determinant(M) for (c, x), M in zip(enumerate(A[0]), minors, strict=True) if x)
+    A, value = [row[:] for row in A], Fraction(1)
+    for c in range(len(A)):
+        pivot = next((i for i in range(c, len(A)) if A[i][c]), None)
+        if pivot is None:
+            return Fraction(0)
+        if pivot != c:
+            A[c], A[pivot], value = A[pivot], A[c], -value
+        value *= A[c][c]
+        A[c + 1 :] = [[a - row[c] / A[c][c] * b for a, b in zip(row, A[c], strict=True)] for row in A[c + 1 :]]
+    return value
 
 
 def form(h):
