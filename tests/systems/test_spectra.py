@@ -31,27 +31,20 @@ def test_singular_values_satisfy_their_definition(seed, m, h):
     np.testing.assert_allclose(found.singular_values * np.abs(found.singular_values), found.values, atol=1e-12 * scale)
 
 
-def test_hyperbolic_singular_values_are_the_same_in_every_frame():
+def test_hyperbolic_singular_values_are_the_same_in_every_frame_and_scale_with_the_unit():
     rng = np.random.default_rng(1)
+    scale = np.repeat([1.0, 1e3], 3)[:, None]
     for m in (2, 3, 5, 6, 7):
         J = rng.normal(size=(6, m))
         moved = iq.adjoint(motion(rng)) @ J
         here, there = (iq.systems.hyperbolic_singular_values(x, 0.8) for x in (J, moved))
+        in_mm = iq.systems.hyperbolic_singular_values(J * scale, 800.0)
         np.testing.assert_allclose(there.values, here.values, atol=1e-9)
+        np.testing.assert_allclose(in_mm.values, 1e3 * here.values, atol=1e-6)
         assert there.condition == pytest.approx(here.condition)
+        assert in_mm.condition == pytest.approx(here.condition)
         sigma, sigma_moved = (np.linalg.svd(x, compute_uv=False) for x in (J, moved))
         assert np.abs(sigma_moved - sigma).max() > 0.1
-
-
-def test_hyperbolic_singular_values_scale_with_the_unit_of_length():
-    J = np.random.default_rng(2).normal(size=(6, 5))
-    scale = np.array([[1.0], [1.0], [1.0], [1e3], [1e3], [1e3]])
-    metres, millimetres = (
-        iq.systems.hyperbolic_singular_values(J, 0.8),
-        iq.systems.hyperbolic_singular_values(J * scale, 800.0),
-    )
-    np.testing.assert_allclose(millimetres.values, 1e3 * metres.values)
-    assert millimetres.condition == pytest.approx(metres.condition)
 
 
 @pytest.mark.parametrize("m", [6, 7, 8])
@@ -83,7 +76,7 @@ def test_degenerate_arms():
 
 @every_class
 @pytest.mark.parametrize("upper", [False, True])
-def test_the_condition_is_finite_iff_there_is_a_pseudoinverse(key, upper):
+def test_condition_and_polar_decomposition_exist_iff_the_pseudoinverse_does(key, upper):
     """A wrist at h = 0 has values that are all rounding, and of one size: that is no good condition."""
     rng = np.random.default_rng(41)
     for _ in range(4):
@@ -92,6 +85,12 @@ def test_the_condition_is_finite_iff_there_is_a_pseudoinverse(key, upper):
         for h in (*pitches, 2.5):
             found = iq.systems.hyperbolic_singular_values(J, float(h))
             assert np.isfinite(found.condition) == iq.has_pseudoinverse(J, float(h)) == (h == 2.5 and admits(key[1]))
+        if admits(key[1]):
+            polar = hyperbolic_polar(J, 2.5)
+            np.testing.assert_allclose(polar.movement @ polar.stretch, J, atol=1e-8)
+        else:
+            with pytest.raises(NoPolarDecomposition, match=r"whose gain is zero\. No h works for this system"):
+                hyperbolic_polar(J, 2.5)
 
 
 SEEDS = st.integers(0, 2**31)
@@ -187,19 +186,6 @@ def test_signs_tell_screws_of_pitch_above_h_from_those_below():
         for w, sign in zip(found.screws.T, found.signs, strict=True):
             assert np.sign(iq.se3.pitch(w) - h) == sign
             assert 2.0 * w[:3] @ w[:3] * (iq.se3.pitch(w) - h) == pytest.approx(sign)
-
-
-@every_class
-def test_the_polar_decomposition_exists_iff_the_pseudoinverse_does(key):
-    rng = np.random.default_rng(5)
-    J, _ = sample(rng, key, extra=1)
-    for h in (-2.5, 1.7):
-        if admits(key[1]):
-            found = hyperbolic_polar(J, h)
-            np.testing.assert_allclose(found.movement @ found.stretch, J, atol=1e-8)
-        else:
-            with pytest.raises(NoPolarDecomposition, match=r"whose gain is zero\. No h works for this system"):
-                hyperbolic_polar(J, h)
 
 
 def test_the_error_says_why_there_is_no_polar_decomposition():

@@ -57,32 +57,6 @@ def test_a_state_in_every_spelling(monkeypatch, capsys, q):
     assert FAR not in out
 
 
-REFUSED = [
-    (["nobody"], "unknown robot 'nobody'"),
-    (["so10"], "error: unknown robot 'so10'; did you mean so101"),
-    (["so101", "--tool", "gripper_frame"], "unknown frame 'gripper_frame'; did you mean gripper_frame_link"),
-    (["scara", "--tool", "tool0"], "tool: found 'tool0'; expected none with joint screws"),
-    (["planar_3r", "--q", "0.1,0.2"], "q: found shape (2,)"),
-    (["planar_3r", "--q", "0.1,nan,0.2"], "q: found NaN"),
-    (["planar_3r", "--q", "a"], "--q: found 'a'; expected numbers"),
-    (["panda", "--q", "11,-28,5,-114,5,97,34"], "-114 rad is 110.9 outside its position range; are these degrees?"),
-    (["planar_3r", "--q", "0,1,0", "--samples", "9"], "--q: found --samples too"),
-    (["planar_3r", "--samples", "0"], "--samples"),
-    (["planar_3r", "--json", "/nowhere/at/all.json"], "in a folder that does not exist"),
-    (["planar_3r", "--plot", "/nowhere/at/all.png"], "in a folder that does not exist"),
-    (["planar_3r", "--plot", "picture.xyz"], "with the ending '.xyz'; expected one of .png, .svg, .pdf"),
-    ([], "Missing argument"),
-]
-
-
-@pytest.mark.parametrize(("words", "said"), REFUSED, ids=[" ".join(w) or "nothing" for w, _ in REFUSED])
-def test_bad_input_is_one_message_and_status_2(monkeypatch, capsys, words, said):
-    status, out, err = call(monkeypatch, capsys, "inspect", *words)
-    assert (status, out) == (2, "")
-    assert said in " ".join(err.split())
-    assert "Traceback" not in err
-
-
 def test_an_arm_with_every_pitch(monkeypatch, capsys):
     status, out, err = call(monkeypatch, capsys, "inspect", "panda")
     assert (status, err) == (0, "")

@@ -51,22 +51,6 @@ def test_without_a_display_the_view_is_written(run, tmp_path, arguments):
 
 
 @pytest.mark.parametrize(
-    ("file", "said"),
-    [
-        ("seen.gif", "seen.gif, with the ending '.gif'; expected one of .html"),
-        ("no/seen.html", "a folder that does not exist"),
-        ("folder.html", "folder.html, a folder; expected the name of a file"),
-    ],
-)
-def test_a_place_that_cannot_be_written_to_is_told_before_the_run(run, tmp_path, monkeypatch, file, said):
-    (tmp_path / "folder.html").mkdir()
-    monkeypatch.setattr("invariantqp.workbench.runs.run.run_task", lambda *a, **k: pytest.fail("it ran"))
-    status, _, err = run("short.toml", "--view", file)
-    assert status == 2
-    assert said in err
-
-
-@pytest.mark.parametrize(
     ("platform", "environment", "display"),
     [
         ("linux", {}, False),
