@@ -43,35 +43,23 @@ BELOW = {"invariantqp": namespaces(), "invariantqp.velocity": ["definition"]}
 
 
 @pytest.mark.parametrize("name", NAMESPACES)
-def test_every_public_name_resolves(name):
+def test_names_of_a_namespace_resolve_and_are_those_of_type_checkers_and_of_help(name):
     namespace = import_module(name)
     assert len(namespace.__all__) == len(set(namespace.__all__))
-    for public in namespace.__all__:
-        assert getattr(namespace, public) is not None
+    assert all(getattr(namespace, public) is not None for public in namespace.__all__)
     assert set(dir(namespace)) == {*namespace.__all__, *BELOW.get(name, [])}
     with pytest.raises(AttributeError, match=f"module '{name}' has no attribute 'pseudo_inverse'"):
         namespace.pseudo_inverse  # noqa: B018
-
-
-@pytest.mark.parametrize("name", NAMESPACES)
-def test_names_for_type_checkers_are_the_names_at_run_time(name):
-    namespace = import_module(name)
     tree = ast.parse(Path(namespace.__file__).read_text(encoding="utf-8"))
     block = next(node for node in tree.body if isinstance(node, ast.If))
     names = [alias for node in block.body for alias in node.names]
     assert all(alias.asname == alias.name for alias in names)  # what makes them public for a checker
     assert {alias.name for alias in names} == set(dir(namespace))
-
-
-@pytest.mark.parametrize("name", NAMESPACES)
-def test_help_of_a_namespace_lists_its_contents(name):
-    module = import_module(name)
-    listed = [
-        word
-        for line in re.findall(r"^    invariantqp\S*: (.*)$", module.__doc__, re.MULTILINE)
-        for word in line.split(", ")
-    ]
-    assert sorted(listed) == dir(module)
+    listed = re.findall(r"^    invariantqp\S*: (.*)$", namespace.__doc__, re.MULTILINE)
+    assert sorted(", ".join(listed).split(", ")) == dir(namespace)
+    # Who imports a file of a public name would put it where the name is.
+    files = {module.name for module in iter_modules(getattr(namespace, "__path__", []))}
+    assert files.isdisjoint(namespace.__all__)
 
 
 def test_a_frozen_program_loads_its_names_at_once(tmp_path):
@@ -86,21 +74,6 @@ def test_a_frozen_program_loads_its_names_at_once(tmp_path):
     compile_file(str(tmp_path / "facade.py"), cfile=str(tmp_path / "facade.pyc"))
     (tmp_path / "facade.py").unlink()
     assert loaded_by(f"{code}assert vars(facade)['Fraction'] is fractions.Fraction") == []
-
-
-def test_a_public_name_in_a_namespace_is_the_one_at_the_top():
-    for name in NAMESPACES[1:]:
-        namespace = import_module(name)
-        for public in set(namespace.__all__) & set(iq.__all__):
-            assert getattr(namespace, public) is getattr(iq, public)
-
-
-@pytest.mark.parametrize("name", NAMESPACES)
-def test_no_file_has_the_name_of_a_public_name(name):
-    """Who imports the file would put it where the name is."""
-    namespace = import_module(name)
-    files = {module.name for module in iter_modules(getattr(namespace, "__path__", []))}
-    assert files.isdisjoint(namespace.__all__)
 
 
 def test_namespaces_import_nothing_algebra_numpy_alone_and_a_loop_no_extra():
