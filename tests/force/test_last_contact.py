@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.damped_plane import press_on_damper
+from support.plane import press_on_damper
 
 FAILS = 3.5  # [s]
 READINGS = {

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from support.arms import ready
-from support.spring_plane import Bench, force_at, gantry, pen
+from support.plane import Bench, force_at, gantry, pen
 from support.wrist import wrist
 
 import invariantqp as iq

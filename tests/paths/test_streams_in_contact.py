@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from support.arms import ready
 from support.mujoco_gantry import GANTRY
-from support.spring_plane import UP
+from support.plane import UP
 
 import invariantqp as iq
 
