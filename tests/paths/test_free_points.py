@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from support.arms import ready
 from support.streams import ARMS, Arm, driven
 
 import invariantqp as iq
@@ -93,12 +92,7 @@ def test_invalid_points_are_refused_by_name():
 
 def test_samples_are_followed_without_a_cutoff():
     """The first sample has no interval to wait by."""
-    robot = iq.load_robot("ur5")
-    q, dt = ready("ur5"), 0.01
-    follower = iq.Follower(iq.Controller(robot, dt=dt, acceleration_limit=10.0), cutoff=np.inf)
-    goal = robot.pose(q + 0.05)
-    for k in range(150):
-        if k % 3 == 0:
-            follower.add(goal, k * dt)
-        q = q + dt * follower.step(q, now=k * dt).velocity
-    np.testing.assert_allclose(robot.pose(q), goal, atol=1e-5)
+    arm = Arm("ur5", dt=0.01)
+    follower, goal = iq.Follower(arm.controller(), cutoff=np.inf), arm.robot.pose(arm.start + 0.05)
+    Q, _ = driven(arm, follower, lambda k, q: follower.add(goal, k * arm.dt) if k % 3 == 0 else None, 1.5)
+    np.testing.assert_allclose(arm.robot.pose(Q[-1]), goal, atol=1e-5)

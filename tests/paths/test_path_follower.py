@@ -1,7 +1,5 @@
 """A follower keeps its tool on the path: limits make it late, not off."""
 
-import copy
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -178,34 +176,9 @@ def test_it_leaves_the_path_out_of_reach_and_rejoins_it():
     solutions, positions, x = drive(leaves, q, 15000)
     assert solutions[-1].status == "done"
     assert any(s.status == "left" for s in solutions)
+    assert min(np.diff([s.place for s in solutions], prepend=0.0)) >= 0.0
     assert distance(robot.pose(positions[-1]), pose(1.0))[0] < MM
     assert gentle(robot, x)
-
-
-@pytest.mark.cases(1)
-@pytest.mark.parametrize(("name", "where"), [("so101", "start"), ("ur5", "middle")])
-def test_an_exact_point_leaves_a_path_far_out_of_reach(name, where):
-    robot = iq.load_robot(name)
-    start = ready(name)
-    home = robot.pose(start)
-    length = iq.Controller(robot, dt=DT).measure.length
-    far = {"start": lambda u: 1.0 - u, "middle": lambda u: np.sin(np.pi * u), "end": lambda u: u}[where]
-    out = 0.6 * length * home[:3, 3] / np.linalg.norm(home[:3, 3])
-
-    def pose(u):
-        return iq.transform(home[:3, :3], home[:3, 3] + far(u) * out + [0.0, 0.2 * length * u, 0.0])
-
-    follower = follower_on(robot, pose, start, dt=0.01, options={"exact": "position"}, blocked="leave")
-    solutions, positions, x = drive(follower, start, 1000)
-    last = solutions[-1]
-    assert any(s.status == "left" for s in solutions)
-    if where == "end":
-        assert last.status == "blocked"
-        assert "it is out of reach, by" in last.reason
-    else:
-        assert last.status == "done"
-        assert distance(robot.pose(positions[-1]), pose(1.0))[0] < MM
-    assert gentle(robot, x, 0.01)
 
 
 @pytest.mark.cases(2)
@@ -563,14 +536,6 @@ def test_it_finds_the_path_and_its_start_by_itself():
     assert follower.step(joints(0.0) + 0.1).reason.startswith("on the way to the path's start")
     assert solutions[-1].status == "done"
     assert distance(robot.pose(q[-1]), poses[-1])[0] < MM
-
-
-def test_a_copy_is_a_follower_of_its_own():
-    robot = iq.load_robot("ur5")
-    joints = joint_path(robot, 7)
-    follower = follower_on(robot, along(robot, joints), joints(0.0))
-    other = copy.deepcopy(follower)
-    assert np.array_equal(drive(follower, joints(0.0), 200)[1], drive(other, joints(0.0), 200)[1])
 
 
 @pytest.mark.parametrize(
