@@ -619,14 +619,14 @@ def test_limits_of_the_loop_brake_joints_inside_their_acceleration(way):
     assert ("limited" if way == "twist" else "late") in {a.status for a in answers}
 
 
-@pytest.mark.parametrize("way", ["nothing", "paused"])
+@pytest.mark.parametrize("way", ["nothing", "path", "paused"])
 def test_it_avoids_a_moving_obstacle_and_reports_it(way):
     arm = Arm("ur5", dt=0.01)
     home = arm.robot.pose(arm.start)
     ball = iq.limits.Sphere([0, 0, 0], 0.08, name="ball")
     loop, limit = beside(arm, ball)
     follower = iq.Follower(loop, jerk=arm.jerk)
-    if way == "paused":
+    if way != "nothing":
         follower = iq.PathFollower(loop, [home, iq.transform(translation=[0.3, 0.0, 0.0]) @ home], rate=0.1)
         follower.prepare(arm.start)
 

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 from support.arms import ready
-from support.mujoco_gantry import GANTRY
+from support.mujoco_gantry import Gantry
 from support.plane import UP
 
 import invariantqp as iq
@@ -441,23 +441,14 @@ def test_bad_input_is_refused():
 
 @pytest.mark.cases(2)
 @pytest.mark.parametrize("kind", ["chunks", "twists", "samples"])
-def test_a_stream_slides_in_mujoco_s_contact(tmp_path, kind):
+def test_a_stream_slides_in_mujoco_s_contact(kind):
     """With friction, position servos, a noisy sensor, and commands that act later."""
-    mujoco = pytest.importorskip("mujoco")
-    file, dt, press = tmp_path / "gantry.xml", 0.002, 10.0
-    file.write_text(GANTRY)
-    robot = iq.load_robot(file, tool="tip", velocity_limit=np.ones(6))
-    sensor = iq.WrenchSensor(np.eye(4), order="force first", reads="reaction", noise=0.1)
-    task = iq.HybridTask(partial(touch, UP), [press])
-    loop = iq.HybridController(robot, task, dt=dt, sensor=sensor, delay=0.02, acceleration_limit=10.0)
-    follower, start = iq.Follower(loop, jerk=500.0), robot.pose(np.zeros(6))
-    model = mujoco.MjModel.from_xml_string(GANTRY)
-    model.opt.gravity[:] = 0.0
-    data, random, command, force = mujoco.MjData(model), np.random.default_rng(1), np.zeros(6), np.zeros(6)
-    presses, x, solutions = [0.0], [], []
+    dt, press = 0.002, 10.0
+    cell = Gantry(dt, press, acceleration_limit=10.0)
+    follower, presses, x, solutions = iq.Follower(cell.loop, jerk=500.0), [], [], []
 
     def way(t):  # a centimetre above the table
-        return iq.transform(start[:3, :3], start[:3, 3] + [0.01 * max(t - 2.0, 0.0), 0.0, 0.01])
+        return iq.transform(translation=[0.01 * max(t - 2.0, 0.0), 0.0, 0.01]) @ cell.start
 
     for k in range(2500):
         now = k * dt
@@ -468,19 +459,10 @@ def test_a_stream_slides_in_mujoco_s_contact(tmp_path, kind):
             follower.add(way(now), now)
         elif kind == "twists" and k % 10 == 0:
             follower.twist([0.0, 0.0, 0.0, 0.01 * (now > 2.0), 0.0, 0.0])
-        q = data.qpos.copy()
-        turn = robot.pose(q)[:3, :3]
-        reading = np.append(turn.T @ [0.0, 0.0, presses[-1]] + random.normal(0.0, 0.1, 3), np.zeros(3))
-        solutions.append(follower.step(q, now=now, wrench=reading))
-        for _ in range(round(dt / model.opt.timestep)):
-            command = command + model.opt.timestep * solutions[-1].velocity
-            data.ctrl[:] = command
-            mujoco.mj_step(model, data)
-        presses.append(0.0)
-        for c in range(data.ncon):
-            mujoco.mj_contactForce(model, data, c, force)
-            presses[-1] += force[0]
-        x.append(q[0])
+        x.append(cell.q[0])
+        solutions.append(follower.step(cell.q, now=now, wrench=cell.reading(cell.press)))
+        cell.drive(solutions[-1].velocity)
+        presses.append(cell.press)
     assert {"fault", "overload"}.isdisjoint(statuses(solutions))
     assert np.mean(presses[-1500:]) == pytest.approx(press, rel=0.15)  # it chatters a little
     assert np.polyfit(dt * np.arange(1000), x[-1000:], 1)[0] == pytest.approx(0.01, rel=0.05)
