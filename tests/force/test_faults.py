@@ -87,17 +87,6 @@ def test_an_approach_that_meets_nothing_ends():
         assert run.height[0] - run.height[-1] < 0.0065
 
 
-def test_an_overload_has_a_default_limit():
-    run = press_on_plane(
-        PRESS, fault=lambda reading, normal: reading + np.r_[0, 0, 0, 20 * normal], since=1.0, seconds=1.2
-    )
-    assert "N of 25" in run.solutions[run.stopped].reason
-    turned = press_on_plane(
-        PRESS, fault=lambda reading, normal: reading + np.r_[1.5, 0, 0, 0, 0, 0], since=1.0, seconds=1.2
-    )
-    assert "N m of 1" in turned.solutions[turned.stopped].reason
-
-
 @pytest.mark.parametrize("mass", [0.0, 0.7])
 @pytest.mark.parametrize("wrong", [{"reads": "action"}, {"order": "moment first"}], ids=["reads", "order"])
 def test_a_wrong_declaration_of_a_sensor_is_named(wrong, mass):

@@ -718,21 +718,6 @@ def test_a_copy_is_a_follower_of_its_own():
     assert (a == b).all()
 
 
-def test_a_shape_is_kept():
-    arm = Arm("panda")
-    truth = arm.motion(np.random.default_rng(15))
-    poses = np.array([arm.robot.pose(truth(t)) for t in np.linspace(0.0, 3.0, 60)])
-    follower = iq.Follower(arm.controller(), keep="shape")
-    follower.follow(poses)
-    follower.prepare(arm.start)
-    path = iq.PathFollower(arm.controller(), poses)
-    path.prepare(arm.start)
-    one, same = (run(f, arm.start, 3000, dt=arm.dt, clock=None, until=("done",)) for f in (follower, path))
-    np.testing.assert_array_equal(one.Q, same.Q)
-    assert one.statuses[-1] == "done"
-    assert one.answers[-1].across == same.answers[-1].across
-
-
 def test_a_new_path_is_joined_from_the_motion_of_the_arm():
     arm = Arm("panda")
     home = arm.robot.pose(arm.start)

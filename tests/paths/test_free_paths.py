@@ -180,15 +180,17 @@ def test_points_out_of_reach_end_the_path_or_are_left(blocked):
         np.testing.assert_allclose(robot.pose(Q[-1])[:3, 3], points[-1], atol=1e-4)
 
 
-@pytest.mark.parametrize("kind", ["points", "both"])
-def test_a_follower_that_keeps_the_shape_drives_free_paths(kind):
+@pytest.mark.parametrize("kind", ["points", "both", "poses"])
+def test_a_follower_that_keeps_the_shape_is_a_path_follower(kind):
     robot, poses, q = iq.load_robot("ur5"), poses_of("ur5"), ready("ur5")
-    path = poses[:, :3, 3] if kind == "points" else targets_of(poses, kind)
-    wanted = drive(follower_on(robot, path, q), q)[1]
+    path = {"points": poses[:, :3, 3], "both": targets_of(poses, "both"), "poses": poses}[kind]
+    solutions, wanted, _ = drive(follower_on(robot, path, q), q)
     follower = iq.Follower(iq.Controller(robot, dt=0.004, acceleration_limit=speeds(robot) / 0.2), keep="shape")
     follower.follow(path)
     follower.prepare(q)
-    np.testing.assert_array_equal(drive(follower, q)[1], wanted)
+    same, Q, _ = drive(follower, q)
+    np.testing.assert_array_equal(Q, wanted)
+    assert [s.across for s in same] == [s.across for s in solutions]
     follower.follow(path[:4], 3.0 * np.arange(4.0))
     follower.prepare(q)
     solutions, _, _ = drive(follower, q)

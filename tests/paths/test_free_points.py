@@ -18,7 +18,7 @@ def off(arm, q, pose, kind):
     return max(np.linalg.norm(found[:3, 3] - pose[:3, 3]), axis)
 
 
-@pytest.mark.parametrize("kind", ["point", "target", "both"])
+@pytest.mark.parametrize("kind", ["target", "both"])
 @pytest.mark.parametrize("name", ARMS)
 def test_a_hand_is_followed(name, kind):
     arm = Arm(name)
@@ -38,7 +38,7 @@ def test_a_hand_is_followed(name, kind):
     assert answers[-1].status == "moving"
 
 
-@pytest.mark.parametrize("kind", ["point", "target", "both"])
+@pytest.mark.parametrize("kind", ["point", "both"])
 @pytest.mark.parametrize("name", ARMS)
 def test_chunks_are_met_at_their_stamps(name, kind):
     arm = Arm(name)

@@ -266,24 +266,6 @@ def test_a_path_in_reach_is_not_left(name, seed, exact):
     assert max(s.across for s in solutions) < MM
 
 
-def test_a_start_out_of_reach_is_left_by_the_least():
-    robot = iq.load_robot("ur5")
-    q = ready("ur5")
-    home = robot.pose(q)
-
-    def pose(u):
-        return iq.transform(home[:3, :3], home[:3, 3] + (1.0 - u) * np.array([0.0, 0.9, 0.0]))
-
-    follower = follower_on(robot, pose, dt=0.01, blocked="leave")
-    solutions, positions, x = drive(follower, q, 4000)
-    seen = [s.status for s in solutions]
-    assert seen[0] == "waiting"
-    assert "left" in seen
-    assert seen[-1] == "done"
-    assert distance(robot.pose(positions[-1]), home)[0] < MM
-    assert gentle(robot, x, 0.01)
-
-
 def test_a_start_out_of_reach_blocks_the_path():
     robot = iq.load_robot("ur5")
     q = np.array([0.3, -0.6, 0.12, -0.4, -1.2, 0.1])  # nearly stretched
@@ -388,21 +370,6 @@ def test_a_rate_is_kept_where_limits_allow_it_and_the_lag_is_reported():
     assert late[-1].status == "done"
     assert late[-1].late == pytest.approx(DT * len(x) - 0.4, abs=2 * DT)
     assert {s.status for s in late} == {"slowed", "moving", "done"} or {s.status for s in late} == {"slowed", "done"}
-
-
-def test_an_exact_point_stays_on_the_path():
-    robot = iq.load_robot("so101")
-    joints = joint_path(robot, 11, 0.3)
-
-    def pose(u):  # an orientation that five joints cannot have
-        T = robot.pose(joints(u))
-        T[:3, :3] = se3.exp([0.2 * u, 0.3 * u, 0.0, 0.0, 0.0, 0.0])[:3, :3] @ T[:3, :3]
-        return T
-
-    follower = follower_on(robot, pose, joints(0.0), options={"exact": "position"})
-    solutions, q, _ = drive(follower, joints(0.0))
-    assert solutions[-1].status == "done"
-    assert largest_error(robot, pose, solutions, q, radian=0.0)[0] < MM
 
 
 @pytest.mark.cases(2)
