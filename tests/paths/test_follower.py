@@ -10,8 +10,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from support.arms import ready
-from support.streams import ARMS, Arm, chunks, driven, run
+from support.arms import LIMITS, ready
+from support.streams import Arm, chunks, driven, run
 
 import invariantqp as iq
 from invariantqp.paths import waypoints
@@ -45,7 +45,7 @@ def rests(Q, arm, after):
 
 
 @pytest.mark.cases(3)
-@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("name", LIMITS)
 @pytest.mark.parametrize("poses", [True, False])
 @pytest.mark.parametrize("seed", range(1))
 def test_chunks_keep_every_limit_and_end_at_rest(name, poses, seed):
@@ -63,7 +63,7 @@ def test_chunks_keep_every_limit_and_end_at_rest(name, poses, seed):
 
 
 @pytest.mark.cases(1)
-@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("name", LIMITS)
 def test_after_overshoot_the_arm_is_done_at_the_last_point(name):
     arm = Arm(name)
     stamps = np.arange(30) / 20
@@ -160,7 +160,7 @@ def test_joints_that_catch_up_do_not_overshoot():
 
 
 @pytest.mark.cases(1)
-@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("name", LIMITS)
 @pytest.mark.parametrize("seed", range(1))
 def test_broken_streams_keep_every_limit(name, seed):
     arm, rng = Arm(name), np.random.default_rng(seed)
@@ -234,7 +234,7 @@ def test_chunks_in_the_wrong_order_change_nothing():
     assert np.abs(again - Q).max() < 1e-12
 
 
-@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("name", LIMITS)
 def test_a_twist_is_followed_and_ends_at_rest(name):
     arm = Arm(name)
     wanted = np.array([0.1, 0.0, 0.2, 0.05, -0.05, 0.08])
@@ -249,7 +249,7 @@ def test_a_twist_is_followed_and_ends_at_rest(name):
     assert answers[-1].status == "waiting"
 
 
-@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("name", LIMITS)
 def test_a_pause_comes_to_rest_and_resume_continues_with_the_points_that_are_due(name):
     arm = Arm(name)
     follower, truth = following(arm, 6, size=0.6)

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from support.streams import ARMS, Arm, driven
+from support.arms import LIMITS
+from support.streams import Arm, driven
 
 import invariantqp as iq
 
@@ -19,7 +20,7 @@ def off(arm, q, pose, kind):
 
 
 @pytest.mark.parametrize("kind", ["target", "both"])
-@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("name", LIMITS)
 def test_a_hand_is_followed(name, kind):
     arm = Arm(name)
     truth = arm.motion(np.random.default_rng(3), 0.4)
@@ -39,7 +40,7 @@ def test_a_hand_is_followed(name, kind):
 
 
 @pytest.mark.parametrize("kind", ["point", "both"])
-@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("name", LIMITS)
 def test_chunks_are_met_at_their_stamps(name, kind):
     arm = Arm(name)
     truth, stamps = arm.motion(np.random.default_rng(4), 0.3), np.arange(0.0, 2.0, 0.05)

@@ -17,7 +17,6 @@ DT, PRESS, ACCELERATION = 0.004, 5.0, 10.0
 TOUCHED = 150  # ticks
 WALL = np.array([0.0, 1.0, 0.0])
 CELLS = {"panda": UP, "ur5": WALL, "so101": UP, "gen3": np.array([-0.6, 0.0, 0.8])}
-READY = {"gen3": np.array([0.0, 0.3, 0.0, 2.0, 0.0, -0.8, 1.57])}
 KINDS = ("chunks", "joints", "samples", "function")
 
 
@@ -30,7 +29,7 @@ class Cell:
 
     def __init__(self, name="panda", *, dt=DT, delay=0.0, acceleration=ACCELERATION, **task):
         self.robot, self.normal = iq.load_robot(name), CELLS[name]
-        self.q = READY[name] if name in READY else ready(name)
+        self.q = ready(name)
         self.start, self.dt, self.now = self.robot.pose(self.q), dt, 0.0
         self.level = self.normal @ self.start[:3, 3] - 1e-3
         made = iq.HybridTask(partial(touch, self.normal), [PRESS], **task)

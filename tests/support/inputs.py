@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 
 import invariantqp as iq
-from support.arms import READY
+from support.arms import ready
 from support.streams import run
 
 # The inputs of a `Follower`, and the other loops: a path, and the ticks of a Controller.
@@ -23,14 +23,8 @@ INPUTS = (
     "twist",
 )
 KINDS = (*INPUTS, "path", "step")
-# Where an arm starts, its acceleration and its jerk limit.
-ARMS = {
-    "panda": (READY["panda"], 10.0, 500.0),
-    "ur5": (READY["ur5"], 10.0, 500.0),
-    "xarm7": (READY["xarm7"], 10.0, 500.0),
-    "so101": (READY["so101"], 26.0, 1000.0),
-    "gen3": ((0.3, 0.3, 0.1, -1.6, 0.2, -1.0, 3.0), 10.0, 500.0),
-}
+# Acceleration and jerk limits.
+ARMS = dict.fromkeys(("panda", "ur5", "xarm7"), (10.0, 500.0)) | {"so101": (26.0, 1000.0), "gen3": (10.0, 500.0)}
 TICKS = (0.002, 0.01, 0.033)
 # A joint goes so far [rad], from rest to rest, in this time [s].
 SIZE, TIME = 0.5, 1.5
@@ -40,10 +34,10 @@ class Bed:
     """One arm, whose joint is asked to move in one direction by one kind of input."""
 
     def __init__(self, kind, name, dt, sign, *, joint=0, robot=None, start=None, size=SIZE):
-        start_of, self.acceleration, self.jerk = ARMS[name]
+        self.acceleration, self.jerk = ARMS[name]
         self.kind, self.dt, self.size = kind, dt, sign * size
         self.robot = iq.load_robot(name) if robot is None else robot
-        self.start = np.array(start_of if start is None else start)
+        self.start = ready(name) if start is None else np.array(start)
         self.axis = np.eye(len(self.start))[joint]
         exact = "position" if len(self.start) < 6 else None
         self.loop = iq.Controller(self.robot, dt=dt, acceleration_limit=self.acceleration, exact=exact)

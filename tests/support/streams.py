@@ -6,10 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 import invariantqp as iq
-from support.arms import ready
+from support.arms import LIMITS, ready
 
-# Acceleration limit, and jerk limit as a multiple of it.
-ARMS = {"panda": ([15, 7.5, 10, 12.5, 15, 20, 20], 500.0), "ur5": ([8.0] * 6, 50.0), "so101": ([30.0] * 5, 50.0)}
 DT = 0.004
 
 
@@ -67,7 +65,7 @@ class Arm:
     """An arm with limits, and what was commanded to it."""
 
     def __init__(self, name, dt=DT, **options):
-        acceleration, rise = ARMS[name]
+        acceleration, rise = LIMITS[name]
         self.robot = iq.load_robot(name)
         self.start = ready(name)
         self.acceleration = np.array(acceleration, dtype=float)
