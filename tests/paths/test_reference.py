@@ -24,11 +24,10 @@ def differences_agree(source, a, b, tolerance):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_derivatives_are_derivatives(seed):
+def test_derivatives_of_a_retimed_motion_are_derivatives(seed):
     rng = np.random.default_rng(seed)
     stamps = np.cumsum(rng.uniform(0.05, 0.15, 12))
     points = smoothed_motion(REST, 0.0, stamps, 0.1 * rng.normal(size=(12, 3)), LIMITS, CALM)
-    differences_agree(points, points.start + 0.01, points.end - 0.01, 1e-4)
     differences_agree(RetimedMotion(points, TimeScaling(0.3, 0.2, 0.4, 0.1, 0.9, 0.5)), 0.31, 1.0, 1e-4)
 
 
