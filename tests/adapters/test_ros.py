@@ -62,18 +62,6 @@ def pose_message(pose):
     return ros.message("PoseStamped", pose=SimpleNamespace(position=place, orientation=turn))
 
 
-def test_a_press_follows_the_wrench_topic(press):
-    q, random = START.copy(), np.random.default_rng(0)
-    table, forces = UR5.pose(q)[2, 3] - 0.003, []
-    press.subscribed["press"](ros.message("Float64", data=8.0))
-    for _ in range(2500):
-        forces.append(publish_contact(press, q, table, random))
-        press.subscribed["joint_states"](state_of(q))
-        q = q + 0.002 * np.array(press.published[-1].data)
-    assert np.abs(np.array(forces[-500:]) - 8.0).max() < 0.5
-    assert len(press.published) == 2500
-
-
 @pytest.mark.parametrize("arm", repeats(["panda", "ur5"], ["ur5"]))
 def test_a_press_on_a_table_in_mujoco(arm, monkeypatch):
     """A touch of 2e4 N/m, along it and back by poses that come every tenth tick, a quarter of a second of silence."""

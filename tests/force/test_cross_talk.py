@@ -4,7 +4,7 @@ from copy import copy
 
 import numpy as np
 import pytest
-from support.spring_plane import DT, PANDA, SO101, Bench, carried, circle, gantry, pen
+from support.plane import DT, PANDA, SO101, Bench, carried, circle, gantry, pen
 
 import invariantqp as iq
 

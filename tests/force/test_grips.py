@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.contact_scenes import SHARED, in_scene
-from support.spring_plane import PANDA
+from support.plane import PANDA
 
 import invariantqp as iq
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from support.plane import DT, PANDA, SO101, UP, Bench, carried, circle, force_at, gantry, pen, tip
 from support.random_systems import motion
-from support.spring_plane import DT, PANDA, SO101, UP, Bench, carried, circle, force_at, gantry, pen, tip
 from support.wrist import wrist
 
 import invariantqp as iq

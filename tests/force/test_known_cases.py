@@ -7,7 +7,7 @@ motion and force are coupled there: targets that jump along a wall, other gains,
 
 import numpy as np
 import pytest
-from support.spring_plane import UP, force_at, tip
+from support.plane import UP, force_at, tip
 
 import invariantqp as iq
 

@@ -5,8 +5,7 @@ from collections import deque
 
 import numpy as np
 import pytest
-from support.noisy_plane import press_on_plane
-from support.spring_plane import PANDA, UP, exerted, gantry, pen
+from support.plane import UP, gantry, press_on_plane
 
 import invariantqp as iq
 
@@ -15,27 +14,14 @@ DT = 0.002
 
 @pytest.mark.parametrize(("delay", "off"), [(0.04, 1e-3), (0.05, 1.5e-3)])
 def test_motion_with_an_undeclared_delay_does_not_oscillate(delay, off):
-    robot, q = iq.load_robot("panda"), PANDA.copy()
-    start, errors, presses, late = robot.pose(q), [], [], deque([np.zeros(7)] * round(delay / DT))
-    loop = iq.HybridController(robot, pen(10.0), dt=DT, order="moment first")  # of gain 50/s
-    for k in range(800):
-        tool, a = robot.pose(q), 2.0 * np.pi * k * DT / 3.0
-        target, ahead = start.copy(), np.zeros(6)
-        target[:3, 3] += 0.03 * np.array([np.cos(a) - 1.0, np.sin(a), 0.0])
-        ahead[3:5] = 0.02 * np.pi * np.array([-np.sin(a), np.cos(a)])
-        wrench = exerted([tool[:3, 3]], start[2, 3] - 0.002, 1e4)
-        solution = loop.step(q, target, wrench, ahead)
-        late.append(solution.velocity)
-        q = q + DT * late.popleft()
-        errors.append(np.linalg.norm((tool - target)[:2, 3]))
-        presses.append(-wrench[5])
-    assert max(errors) < 0.008
-    assert max(errors[500:]) < off
-    assert max(presses) < 12.0
-    assert solution.status == "degraded"
-    late = float(solution.reason.partition("commands act ")[2].split()[0])
-    assert late == pytest.approx(1e3 * delay, abs=2.0)
-    assert "instead of 50 1/s" in solution.reason
+    run = press_on_plane(noise=0.0, delay=delay, seconds=1.6)  # of gain 50/s
+    assert run.off.max() < 0.008
+    assert run.off[500:].max() < off
+    assert run.press.max() < 12.0
+    assert run.statuses()[-1] == "degraded"
+    reason = run.solutions[-1].reason
+    assert float(reason.partition("commands act ")[2].split()[0]) == pytest.approx(1e3 * delay, abs=2.0)
+    assert "instead of 50 1/s" in reason
 
 
 def test_an_undeclared_delay_on_a_screw_is_measured_without_an_approach():

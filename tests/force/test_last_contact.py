@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.damped_plane import press_on_damper
+from support.plane import press_on_damper
 
 FAILS = 3.5  # [s]
 READINGS = {
@@ -40,16 +40,8 @@ def test_a_reading_that_falls_during_a_press_is_not_followed(name, seed):
 
 @pytest.mark.parametrize("arm", ["gantry", "ur5"])
 def test_compliant_drives_press_no_harder_on_a_reading_that_falls(arm):
-    run = press_on_damper(
-        arm,
-        stiffness=3e6,
-        drives=2.5e4,
-        declared_delay=0.0,
-        dt=0.01,
-        reads=lambda force, t: 0.0,
-        since=FAILS,
-        seconds=8.0,
-    )
+    servos = {"stiffness": 3e6, "drives": 2.5e4, "declared_delay": 0.0}
+    run = press_on_damper(arm, dt=0.01, reads=lambda force, t: 0.0, since=FAILS, seconds=8.0, **servos)
     assert run.press.max() < 2.5 * 10.0
     assert run.reports[-1][0] in ("fault", "lost", "overload")
 

@@ -5,58 +5,37 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.mujoco_gantry import GANTRY
+from support.arms import ready
+from support.mujoco_gantry import Gantry
 
 import invariantqp as iq
-
-mujoco = pytest.importorskip("mujoco")
 
 SCENES = Path(__file__).parents[2] / "examples" / "shared" / "contact_scenes.py"
 PRESS = 10.0
 
 
-def pressed(tmp_path, dt, seconds, reads=None, speed=0.0, stands=(np.inf, np.inf), *, is_commanded=True, **options):
+def pressed(dt, seconds, reads=None, speed=0.0, stands=(np.inf, np.inf), *, is_commanded=True, **options):
     """The true press of each tick [N] and its solution; the arm stands from stands[0] to stands[1] [s].
 
     `reads` is what the sensor reads from 2 s on; unless `is_commanded` no reading changes meanwhile.
     """
-    file = tmp_path / "gantry.xml"
-    file.write_text(GANTRY)
-    robot = iq.load_robot(file, tool="tip", velocity_limit=np.ones(6))
-    task = iq.HybridTask(lambda tool: iq.point_contact(tool[:3, 3], [0.0, 0.0, 1.0]), [PRESS])
-    sensor = iq.WrenchSensor(np.eye(4), order="force first", reads="reaction", noise=0.1)
-    loop = iq.HybridController(robot, task, dt=dt, sensor=sensor, delay=0.02, **options)
-    model = mujoco.MjModel.from_xml_string(GANTRY)
-    model.opt.gravity[:] = 0.0
-    data, random, command, force = mujoco.MjData(model), np.random.default_rng(1), np.zeros(6), np.zeros(6)
-    start, press, presses, reports = robot.pose(np.zeros(6)), 0.0, [], []
+    cell, presses, reports = Gantry(dt, PRESS, **options), [], []
     for k in range(round(seconds / dt)):
-        t = k * dt
-        if is_commanded or not stands[0] <= t < stands[1]:
-            q = data.qpos.copy()
-        read = press if reads is None or t < 2.0 else reads
-        turn, target, ahead = robot.pose(q)[:3, :3], start.copy(), np.zeros(6)
+        t, target, ahead = k * dt, cell.start.copy(), np.zeros(6)
+        moves = not stands[0] <= t < stands[1]
         target[0, 3] += speed * max(0.0, t - 2.0)
         ahead[3] = speed * (t > 2.0)
-        if is_commanded or not stands[0] <= t < stands[1]:
-            reading = np.concatenate((turn.T @ [0.0, 0.0, read] + random.normal(0.0, 0.1, 3), np.zeros(3)))
-        solution = loop.step(q, target, reading, ahead)
-        for _ in range(round(dt / model.opt.timestep)):
-            command = command + model.opt.timestep * solution.velocity * (not stands[0] <= t < stands[1])
-            data.ctrl[:] = command
-            mujoco.mj_step(model, data)
-        press = 0.0
-        for c in range(data.ncon):
-            mujoco.mj_contactForce(model, data, c, force)
-            press += force[0]
-        presses.append(press)
-        reports.append(solution)
+        if is_commanded or moves:
+            q, reading = cell.q, cell.reading(cell.press if reads is None or t < 2.0 else reads)
+        reports.append(cell.loop.step(q, target, reading, ahead))
+        cell.drive(reports[-1].velocity * moves)
+        presses.append(cell.press)
     return np.array(presses), reports
 
 
 @pytest.mark.parametrize("dt", [0.002, 0.01])
-def test_a_press_is_held(tmp_path, dt):
-    presses, reports = pressed(tmp_path, dt, 5.0)
+def test_a_press_is_held(dt):
+    presses, reports = pressed(dt, 5.0)
     assert {str(one.status) for one in reports} == {"lost", "ok"}
     assert presses.max() < 1.2 * PRESS
     assert presses[-round(1.5 / dt) :] == pytest.approx(PRESS, abs=0.02 * PRESS)
@@ -64,15 +43,15 @@ def test_a_press_is_held(tmp_path, dt):
 
 @pytest.mark.parametrize("dt", [0.002, 0.01])
 @pytest.mark.parametrize("share", [0.5, 0.9, 1.1, 1.9])
-def test_a_reading_that_sticks_is_a_fault_before_it_presses_much_harder(tmp_path, share, dt):
-    presses, reports = pressed(tmp_path, dt, 8.0, reads=share * PRESS)
+def test_a_reading_that_sticks_is_a_fault_before_it_presses_much_harder(share, dt):
+    presses, reports = pressed(dt, 8.0, reads=share * PRESS)
     assert reports[-1].status == "fault"
     assert presses.max() < 4.0 * PRESS
 
 
 @pytest.mark.parametrize("dt", [0.002])
-def test_a_chattering_contact_is_held_in_its_mean(tmp_path, dt):
-    presses, reports = pressed(tmp_path, dt, 8.0, speed=0.02)
+def test_a_chattering_contact_is_held_in_its_mean(dt):
+    presses, reports = pressed(dt, 8.0, speed=0.02)
     assert {"fault", "overload"}.isdisjoint(str(one.status) for one in reports)
     assert np.mean(presses[-round(4.0 / dt) :]) == pytest.approx(PRESS, rel=0.2)
 
@@ -81,9 +60,9 @@ def test_a_chattering_contact_is_held_in_its_mean(tmp_path, dt):
 @pytest.mark.parametrize(
     ("stands", "speed"), [((0.1, 1.1), 0.0), ((3.0, 4.0), 0.0), ((3.0, 4.0), 0.005), ((3.0, 4.0), -0.005)]
 )
-def test_an_arm_that_stands_for_a_while_goes_on_without_a_fault(tmp_path, dt, stands, speed):
+def test_an_arm_that_stands_for_a_while_goes_on_without_a_fault(dt, stands, speed):
     """Stopped on its way to the surface, at rest on it, and on its way along it."""
-    presses, reports = pressed(tmp_path, dt, 7.5, speed=speed, stands=stands, acceleration_limit=2.0)
+    presses, reports = pressed(dt, 7.5, speed=speed, stands=stands, acceleration_limit=2.0)
     release = round(np.ceil(stands[1] / dt - 1e-9))
     assert {"fault", "overload"}.isdisjoint(str(one.status) for one in reports)
     moved = np.array([one.velocity for one in reports]) * (np.arange(len(reports)) >= release)[:, None]
@@ -95,8 +74,8 @@ def test_an_arm_that_stands_for_a_while_goes_on_without_a_fault(tmp_path, dt, st
 
 
 @pytest.mark.parametrize("dt", [0.002, 0.01, 0.033])
-def test_constant_readings_of_an_arm_at_rest_are_no_stale_sensor(tmp_path, dt):
-    presses, reports = pressed(tmp_path, dt, 6.0, stands=(3.0, 4.0), is_commanded=False, acceleration_limit=2.0)
+def test_constant_readings_of_an_arm_at_rest_are_no_stale_sensor(dt):
+    presses, reports = pressed(dt, 6.0, stands=(3.0, 4.0), is_commanded=False, acceleration_limit=2.0)
     assert {"fault", "overload"}.isdisjoint(str(one.status) for one in reports)
     assert presses[-round(1.0 / dt) :] == pytest.approx(PRESS, rel=0.1)
 
@@ -104,8 +83,6 @@ def test_constant_readings_of_an_arm_at_rest_are_no_stale_sensor(tmp_path, dt):
 @pytest.mark.cases(1)
 @pytest.mark.parametrize("arm", ["panda", "ur5", "xarm7"])
 def test_a_normal_declared_5_degrees_wrong_does_not_stop_the_slide(arm):
-    from support.arms import ready
-
     from invariantqp.robots.load import urdf_of
     from invariantqp.workbench.runs.contactspec import Physics
     from invariantqp.workbench.runs.mujoco import MujocoPlant

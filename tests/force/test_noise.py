@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from support.plane import PANDA, UP, exerted
 from support.repeats import repeats
-from support.spring_plane import PANDA, UP, exerted
 from support.wrist import wrist
 
 import invariantqp as iq

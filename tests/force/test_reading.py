@@ -7,8 +7,8 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.plane import DT, PANDA, pen
 from support.random_systems import motion
-from support.spring_plane import DT, PANDA, pen
 from support.wrist import wrist
 
 import invariantqp as iq

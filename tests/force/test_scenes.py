@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from support.arms import ready
 from support.contact_scenes import SHARED, in_scene
-from support.noisy_plane import FAULTS
+from support.plane import FAULTS, PANDA, SO101, UP
 from support.random_systems import motion
 from support.repeats import repeats
-from support.spring_plane import PANDA, SO101, UP
 
 import invariantqp as iq
 

@@ -5,8 +5,7 @@ from copy import copy
 
 import numpy as np
 import pytest
-from support.damped_plane import press_on_damper
-from support.spring_plane import PANDA, Bench, pen
+from support.plane import PANDA, Bench, pen, press_on_damper
 
 import invariantqp as iq
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.damped_plane import press_on_damper
+from support.plane import press_on_damper
 
 PRESS = 10.0
 
@@ -10,15 +10,8 @@ PRESS = 10.0
 @pytest.mark.parametrize("share", [-0.45, -0.2, -0.1, 0.05, 0.2, 0.45, 0.65, 1.2])
 @pytest.mark.parametrize(("arm", "stiffness", "dt"), [("ur5", 8e4, 0.002), ("gantry", 3e3, 0.01)])
 def test_a_bias_is_no_press(share, arm, stiffness, dt):
-    run = press_on_damper(
-        arm,
-        stiffness=stiffness,
-        damping=0.0,
-        dt=dt,
-        reads=lambda press, t: press + share * PRESS,
-        since=0.0,
-        seconds=5.0,
-    )
+    biased = {"reads": lambda press, t: press + share * PRESS, "since": 0.0}
+    run = press_on_damper(arm, stiffness=stiffness, dt=dt, seconds=5.0, **biased)
     assert run.stopped is None
     assert run.reports[-1][0] in ("ok", "limited")
     assert np.mean(run.press[-round(1.0 / dt) :]) == pytest.approx(PRESS, rel=0.05)

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from support.inputs import ARMS, KINDS, Bed, cases
+from support.arms import ready
+from support.inputs import KINDS, Bed, cases
 
 import invariantqp as iq
 from invariantqp.robots.kinematics import continuous_turns, joint_displacement, unwrapped, whole_turns
@@ -33,7 +34,7 @@ def reading(robot, how):
 @pytest.mark.parametrize(("kind", "name", "dt", "sign"), cases(KINDS, 2))
 def test_the_encoder_s_turn_changes_no_command(kind, name, dt, sign):
     """The last joint passes pi, or -pi; also of what a follower is given as joint positions."""
-    robot, start = turning(name), np.array(ARMS[name][0])
+    robot, start = turning(name), ready(name)
     start[-1] = sign * 2.9
 
     def run(reads):
@@ -52,7 +53,7 @@ def test_the_encoder_s_turn_changes_no_command(kind, name, dt, sign):
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_tool_that_slides_over_a_surface_goes_on_over_the_seam(sign):
-    robot, start, dt = iq.load_robot("gen3"), np.array(ARMS["gen3"][0]), 0.01
+    robot, start, dt = iq.load_robot("gen3"), ready("gen3"), 0.01
     start[-1] = sign * 3.1
     tool = robot.pose(start)
 
@@ -82,7 +83,7 @@ def test_a_tool_that_slides_over_a_surface_goes_on_over_the_seam(sign):
 @pytest.mark.parametrize("name", ["gen3", "so101"])
 def test_a_pose_is_found_near_where_the_search_begins(name):
     """Whatever turn the start is in: no joint goes round more than it has to."""
-    robot, start = turning(name), np.array(ARMS[name][0])
+    robot, start = turning(name), ready(name)
     mask, exact = np.isinf(robot.position_upper), "position" if len(start) < 6 else None
     target = robot.pose(start + 0.2)
     plain = iq.solve_pose(robot, target, q0=start, exact=exact)
@@ -96,7 +97,7 @@ def test_a_pose_is_found_near_where_the_search_begins(name):
 @pytest.mark.parametrize("turns", [0, 1, -3])
 def test_the_posture_of_a_continuous_joint_is_the_nearest_of_its_turns(turns):
     robot = iq.load_robot("gen3")
-    q = np.array(ARMS["gen3"][0])
+    q = ready("gen3")
     away = np.where(np.isinf(robot.position_upper), TURN * turns, 0.0)
     plain, other = (
         iq.Controller(robot, dt=0.01, posture=q + 0.1 + more, posture_gain=1.0) for more in (np.zeros(7), away)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 from support.inputs import INPUTS, TIME, Bed, cases
-from support.streams import Arm
+from support.plane import exerted
+from support.streams import Arm, run
 
 import invariantqp as iq
 
@@ -23,7 +24,7 @@ def in_range(bed, trace, base):
 def test_an_override_of_a_fifth_gives_a_fifth_of_the_requested_speed(kind, name, dt, sign):
     base = Bed(kind, name, dt, sign).run(2.0)
     bed = Bed(kind, name, dt, sign)
-    slow = bed.run(2.5, override=lambda t: 0.2)
+    slow = bed.run(2.5, override=0.2)
     most = np.abs(base.V).max()
     assert np.abs(slow.V).max() < 0.2 * 1.05 * most + 1e-3
     assert np.abs(slow.V).max() > 0.1 * most
@@ -34,7 +35,7 @@ def test_an_override_of_a_fifth_gives_a_fifth_of_the_requested_speed(kind, name,
 def test_at_zero_the_arm_stops_and_stays(kind, name, dt, sign):
     base = Bed(kind, name, dt, sign).run(2.5)
     bed = Bed(kind, name, dt, sign)
-    stopped = bed.run(2.5, override=lambda t: 0.0 if t >= 0.4 else 1.0)
+    stopped = bed.run(2.5, options=lambda k, q: {"override": 0.0 if k * dt >= 0.4 else 1.0})
     assert np.abs(stopped.V[: round(0.4 / dt)]).max() > 0.05
     assert np.abs(stopped.V[round(0.9 / dt) :]).max() < 1e-6
     last = stopped.answers[round(1.0 / dt)]
@@ -46,7 +47,7 @@ def test_at_zero_the_arm_stops_and_stays(kind, name, dt, sign):
 def test_it_may_change_in_every_tick_and_the_input_is_reached_at_last(kind, name, dt, sign):
     base = Bed(kind, name, dt, sign).run(2.5)
     bed, random = Bed(kind, name, dt, sign), np.random.default_rng(3)
-    changed = bed.run(4.5, override=lambda t: random.random() if t < 2.0 else 1.0)
+    changed = bed.run(4.5, options=lambda k, q: {"override": random.random() if k * dt < 2.0 else 1.0})
     in_range(bed, changed, base)
     assert np.abs(changed.V[-1]).max() < 1e-3
     if kind != "twist":
@@ -57,7 +58,7 @@ def test_a_moving_stream_is_caught_up_with_after_an_override():
     """A slow arm is late, and leads back inside the range: at a half, in both directions and from either side."""
     for sign in (1, -1):
         bed = Bed("chunks of joints", "ur5", 0.01, sign)
-        trace = bed.run(6.0, override=lambda t: 0.5)
+        trace = bed.run(6.0, override=0.5)
         assert {str(a.status) for a in trace.answers[: round(1.0 / 0.01)]} >= {"late"}
         assert bed.off(trace.Q[-1], TIME) < 1e-3
 
@@ -74,13 +75,11 @@ def test_in_contact_the_path_is_driven_at_a_fifth(dt, sign):
         path = [iq.transform(translation=[0.0, sign * 0.02 * t, -0.002]) @ start for t in (0.0, 1.0, 2.0, 3.0)]
         follower = iq.PathFollower(loop, path, rate=1.0)
         follower.prepare(arm.start)
-        q, places = arm.start, []
-        for _ in range(round(2.5 / dt)):
-            tip = arm.robot.pose(q)[:3, 3]
-            force = np.array([0.0, 0.0, -2e4 * max(0.0, start[2, 3] - 0.001 - tip[2])])
-            answer = follower.step(q, wrench=np.append(np.cross(tip, force), force), override=override)
-            q = q + dt * answer.velocity
-            places.append(tip[1])
-        return abs(places[-1] - places[round(1.5 / dt)])
+
+        def wrench(k, q):
+            return {"wrench": exerted([arm.robot.pose(q)[:3, 3]], start[2, 3] - 0.001, 2e4)}
+
+        Q = run(follower, arm.start, round(2.5 / dt), dt=dt, options=wrench, override=override).Q
+        return abs(arm.robot.pose(Q[-2])[1, 3] - arm.robot.pose(Q[round(1.5 / dt)])[1, 3])
 
     assert driven(0.2) == pytest.approx(0.2 * driven(1.0), rel=0.05)

@@ -1,7 +1,5 @@
 """A follower keeps its tool on the path: limits make it late, not off."""
 
-import copy
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -178,34 +176,9 @@ def test_it_leaves_the_path_out_of_reach_and_rejoins_it():
     solutions, positions, x = drive(leaves, q, 15000)
     assert solutions[-1].status == "done"
     assert any(s.status == "left" for s in solutions)
+    assert min(np.diff([s.place for s in solutions], prepend=0.0)) >= 0.0
     assert distance(robot.pose(positions[-1]), pose(1.0))[0] < MM
     assert gentle(robot, x)
-
-
-@pytest.mark.cases(1)
-@pytest.mark.parametrize(("name", "where"), [("so101", "start"), ("ur5", "middle")])
-def test_an_exact_point_leaves_a_path_far_out_of_reach(name, where):
-    robot = iq.load_robot(name)
-    start = ready(name)
-    home = robot.pose(start)
-    length = iq.Controller(robot, dt=DT).measure.length
-    far = {"start": lambda u: 1.0 - u, "middle": lambda u: np.sin(np.pi * u), "end": lambda u: u}[where]
-    out = 0.6 * length * home[:3, 3] / np.linalg.norm(home[:3, 3])
-
-    def pose(u):
-        return iq.transform(home[:3, :3], home[:3, 3] + far(u) * out + [0.0, 0.2 * length * u, 0.0])
-
-    follower = follower_on(robot, pose, start, dt=0.01, options={"exact": "position"}, blocked="leave")
-    solutions, positions, x = drive(follower, start, 1000)
-    last = solutions[-1]
-    assert any(s.status == "left" for s in solutions)
-    if where == "end":
-        assert last.status == "blocked"
-        assert "it is out of reach, by" in last.reason
-    else:
-        assert last.status == "done"
-        assert distance(robot.pose(positions[-1]), pose(1.0))[0] < MM
-    assert gentle(robot, x, 0.01)
 
 
 @pytest.mark.cases(2)
@@ -291,24 +264,6 @@ def test_a_path_in_reach_is_not_left(name, seed, exact):
     assert solutions[-1].status == "done"
     assert {s.status for s in solutions} <= {"moving", "slowed", "done"}
     assert max(s.across for s in solutions) < MM
-
-
-def test_a_start_out_of_reach_is_left_by_the_least():
-    robot = iq.load_robot("ur5")
-    q = ready("ur5")
-    home = robot.pose(q)
-
-    def pose(u):
-        return iq.transform(home[:3, :3], home[:3, 3] + (1.0 - u) * np.array([0.0, 0.9, 0.0]))
-
-    follower = follower_on(robot, pose, dt=0.01, blocked="leave")
-    solutions, positions, x = drive(follower, q, 4000)
-    seen = [s.status for s in solutions]
-    assert seen[0] == "waiting"
-    assert "left" in seen
-    assert seen[-1] == "done"
-    assert distance(robot.pose(positions[-1]), home)[0] < MM
-    assert gentle(robot, x, 0.01)
 
 
 def test_a_start_out_of_reach_blocks_the_path():
@@ -415,21 +370,6 @@ def test_a_rate_is_kept_where_limits_allow_it_and_the_lag_is_reported():
     assert late[-1].status == "done"
     assert late[-1].late == pytest.approx(DT * len(x) - 0.4, abs=2 * DT)
     assert {s.status for s in late} == {"slowed", "moving", "done"} or {s.status for s in late} == {"slowed", "done"}
-
-
-def test_an_exact_point_stays_on_the_path():
-    robot = iq.load_robot("so101")
-    joints = joint_path(robot, 11, 0.3)
-
-    def pose(u):  # an orientation that five joints cannot have
-        T = robot.pose(joints(u))
-        T[:3, :3] = se3.exp([0.2 * u, 0.3 * u, 0.0, 0.0, 0.0, 0.0])[:3, :3] @ T[:3, :3]
-        return T
-
-    follower = follower_on(robot, pose, joints(0.0), options={"exact": "position"})
-    solutions, q, _ = drive(follower, joints(0.0))
-    assert solutions[-1].status == "done"
-    assert largest_error(robot, pose, solutions, q, radian=0.0)[0] < MM
 
 
 @pytest.mark.cases(2)
@@ -563,14 +503,6 @@ def test_it_finds_the_path_and_its_start_by_itself():
     assert follower.step(joints(0.0) + 0.1).reason.startswith("on the way to the path's start")
     assert solutions[-1].status == "done"
     assert distance(robot.pose(q[-1]), poses[-1])[0] < MM
-
-
-def test_a_copy_is_a_follower_of_its_own():
-    robot = iq.load_robot("ur5")
-    joints = joint_path(robot, 7)
-    follower = follower_on(robot, along(robot, joints), joints(0.0))
-    other = copy.deepcopy(follower)
-    assert np.array_equal(drive(follower, joints(0.0), 200)[1], drive(other, joints(0.0), 200)[1])
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 from support.along_paths import drive, follower_on, straight
 from support.arms import ready
+from support.streams import run
 
 import invariantqp as iq
 
@@ -172,18 +173,13 @@ def test_no_limit_makes_the_tool_faster_than_requested(override, turns):
         return iq.transform(rock @ start[:3, :3], start[:3, 3] + [0.0, 0.2 * (1.0 - np.cos(a)), 0.2 * np.sin(a)])
 
     loop = iq.Controller(robot, dt=0.002, acceleration_limit=10.0)
-    follower, fastest, solutions = iq.PathFollower(loop, pose, rate=1.0 / 1.2), 0.0, []
+    follower = iq.PathFollower(loop, pose, rate=1.0 / 1.2)
     follower.prepare(q)
-    for tick in range(2000):
-        part = override if turns(tick) else 1.0
-        solutions.append(follower.step(q, override=part))
-        q = q + 0.002 * solutions[-1].velocity
-        if tick % 50 > 45:  # what was faster before has come down
-            fastest = max(fastest, 1.2 * solutions[-1].speed / part)
-        if solutions[-1].status == "done":
-            break
+    parts = [override if turns(tick) else 1.0 for tick in range(2000)]
+    solutions = drive(follower, q, 2000, override=parts.__getitem__)[0]
     assert solutions[-1].status == "done"
-    assert fastest < 1.001
+    # Every 50 ticks, when what was faster before has come down.
+    assert max(1.2 * s.speed / parts[k] for k, s in enumerate(solutions) if k % 50 > 45) < 1.001
     assert max(s.across for s in solutions) < LEAST
 
 
@@ -251,7 +247,7 @@ def test_a_start_out_of_reach_is_reported_as_blocked(gain):
 
 @pytest.mark.parametrize("joint_jerk", [None, 400.0])
 def test_a_tool_speed_holds_on_the_way_to_the_path(joint_jerk):
-    arm, q = iq.load_robot("ur5"), np.array([0.3, -1.4, 1.8, -1.9, -1.5, 0.3])
+    arm, q = iq.load_robot("ur5"), ready("ur5")
     poses = [arm.pose(q) @ iq.transform(translation=[0.0, 0.01 * k, 0.0]) for k in range(6)]
     loop = iq.Controller(arm, dt=0.008, acceleration_limit=8.0, tool_speed=0.1)
     follower = iq.PathFollower(loop, np.array(poses), joint_jerk=joint_jerk)
@@ -263,29 +259,26 @@ def test_a_tool_speed_holds_on_the_way_to_the_path(joint_jerk):
 
 @pytest.mark.parametrize("declared", [True, False])
 def test_an_obstacle_at_a_path_is_avoided_and_the_path_goes_on(declared):
-    arm, q, dt, speed, a = iq.load_robot("ur5"), np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0]), 0.01, 0.1, 8.0
+    arm, q, dt, speed, a = iq.load_robot("ur5"), ready("ur5"), 0.01, 0.1, 8.0
     start, ball = arm.pose(q), iq.limits.Sphere([0.0, 0.0, 0.0], 0.08, name="ball")
     clear = iq.limits.Clearance(arm, {"tool": [iq.limits.Sphere([0.0, 0.0, -0.02], 0.05)]}, [ball])
     loop = iq.Controller(arm, dt=dt, acceleration_limit=a, limits=[clear])
     end = iq.transform(translation=[0.15, 0.0, 0.05]) @ start
-    follower, least, x, said = iq.PathFollower(loop, np.array([start, end]), rate=0.1), 1.0, np.zeros(6), set()
+    follower, distances = iq.PathFollower(loop, np.array([start, end]), rate=0.1), []
     follower.prepare(q)
-    for tick in range(1400):
+
+    def before(tick, q):
+        distances.append(clear.at(q).distance)
         t = dt * tick
         place, along = (0.2 - speed * min(t, 1.0), -speed) if t < 2.0 else (0.1 + speed * min(t - 2.0, 1.0), speed)
         twist = [0.0, 0.0, 0.0, 0.0, along if t < 1.0 or 2.0 < t < 3.0 else 0.0, 0.0]
         ball.move(iq.transform(translation=start[:3, 3] + [0.02, place, 0.01]), twist if declared else None)
-        solution = follower.step(q)
-        assert (np.abs(solution.velocity - x) <= a * dt + 1e-9).all()
-        x = solution.velocity
-        q = q + dt * x
-        least = min(least, clear.at(q).distance)
-        said.add(str(solution.status))
-        if solution.status == "done":
-            break
-    assert least > 0.02 - speed * dt * (1.0 if declared else 11.0) - speed**2 / (2.0 * 0.3 * a * 0.4)
-    assert {"waiting", "done"} <= said
-    np.testing.assert_allclose(arm.pose(q), end, atol=1e-9)
+
+    made = run(follower, q, 1400, dt=dt, before=before, clock=None, until=("done",))
+    assert (np.abs(np.diff(made.V, axis=0, prepend=0.0)) <= a * dt + 1e-9).all()
+    assert min(distances[1:]) > 0.02 - speed * dt * (1.0 if declared else 11.0) - speed**2 / (2.0 * 0.3 * a * 0.4)
+    assert {"waiting", "done"} <= set(made.statuses)
+    np.testing.assert_allclose(arm.pose(made.Q[-1]), end, atol=1e-9)
 
 
 class Breaks(iq.limits.Limit):

@@ -1,8 +1,12 @@
 """Samples of a stream: a wrong one is dropped, a far one approached slowly, exact demands are kept on the way."""
 
+from collections import deque
+from itertools import count
+
 import numpy as np
 import pytest
-from support.inputs import ARMS, TICKS, Bed
+from support.inputs import TICKS, Bed
+from support.streams import run
 
 import invariantqp as iq
 
@@ -21,21 +25,17 @@ def fed(bed, sample, rate, seconds, *, q=None, **options):
 
     A bed of poses is fed the poses of these joint positions; `sample` may give a pose (4, 4) itself.
     """
-    follower = iq.Follower(bed.loop, jerk=bed.jerk, **options)
-    q, n = bed.start if q is None else q, 0
-    Q, V, answers = [q], [], []
-    for k in range(round(seconds / bed.dt)):
-        now = k * bed.dt
-        while n / rate <= now + 1e-9:
-            x = sample(n / rate)
+    follower, stamps = iq.Follower(bed.loop, jerk=bed.jerk, **options), (n / rate for n in count())
+    coming = deque([next(stamps)])
+
+    def before(k, q):
+        while coming[0] <= k * bed.dt + 1e-9:
+            x = sample(coming[0])
             if x is not None:
-                follower.add(bed.robot.pose(x) if bed.kind == "poses" and np.ndim(x) == 1 else x, n / rate)
-            n += 1
-        answers.append(follower.step(q, now=now))
-        q = q + bed.dt * answers[-1].velocity
-        Q.append(q)
-        V.append(answers[-1].velocity)
-    return np.array(Q), np.array(V), answers
+                follower.add(bed.robot.pose(x) if bed.kind == "poses" and np.ndim(x) == 1 else x, coming[0])
+            coming[0] = next(stamps)
+
+    return run(follower, bed.start if q is None else q, round(seconds / bed.dt), dt=bed.dt, before=before)
 
 
 def moving(bed, t):
@@ -149,15 +149,11 @@ def test_five_joints_come_to_rest_before_any_pose(seed, how):
     turn = iq.exp(np.append(random.uniform(-2.5, 2.5, 3), np.zeros(3)))
     hand = bed.robot.pose(low + (high - low) * random.uniform(0.2, 0.8, 5))
     hand = iq.transform(turn[:3, :3] @ hand[:3, :3], hand[:3, 3])
-    follower, q = iq.Follower(bed.loop, jerk=bed.jerk), bed.start
+    follower = iq.Follower(bed.loop, jerk=bed.jerk)
     if how == "follow":
         follower.follow([hand])
-    for k in range(800):
-        if how == "add" and k % 3 == 0:
-            follower.add(hand, 0.01 * k)
-        answer = follower.step(q, now=0.01 * k)
-        q = q + 0.01 * answer.velocity
-    assert np.abs(answer.velocity).max() < 0.03  # a damped turn takes long
+    sends = (lambda k, q: follower.add(hand, 0.01 * k) if k % 3 == 0 else None) if how == "add" else None
+    assert np.abs(run(follower, bed.start, 800, dt=0.01, before=sends).V[-1]).max() < 0.03  # a damped turn takes long
 
 
 @pytest.mark.parametrize("over", [0.1, 0.0, -0.001])
@@ -180,14 +176,13 @@ def test_a_leader_beyond_a_joint_limit_is_followed_to_the_limit_where_the_arm_re
 
 def test_no_sample_of_a_slow_stream_is_dropped():
     """Samples of 10 Hz that move at half the limit, in ticks of 2 ms, without stamps and with jitter."""
-    bed, random, q = Bed("joints", "ur5", 0.002, 1), np.random.default_rng(1), np.array(ARMS["ur5"][0])
-    follower, due, said = iq.Follower(bed.loop, jerk=bed.jerk, timeout=0.5), 0.0, []
-    for k in range(1500):
+    bed, random, due = Bed("joints", "ur5", 0.002, 1), np.random.default_rng(1), [0.0]
+    follower = iq.Follower(bed.loop, jerk=bed.jerk, timeout=0.5)
+
+    def before(k, q):
         now = k * bed.dt
-        if now >= due:
+        if now >= due[-1]:
             follower.add(bed.start + 0.5 * np.sin(3.0 * now) * bed.axis)
-            due = now + 0.1 + 0.05 * random.uniform(-1.0, 1.0)
-        answer = follower.step(q, now=now)
-        q = q + bed.dt * answer.velocity
-        said.append(answer.reason)
-    assert not any("dropped" in reason for reason in said)
+            due.append(now + 0.1 + 0.05 * random.uniform(-1.0, 1.0))
+
+    assert not any("dropped" in a.reason for a in run(follower, bed.start, 1500, dt=bed.dt, before=before).answers)

@@ -58,18 +58,7 @@ def test_the_end_of_a_stop_is_detected_through_noise(kind, dt):
 def test_an_arm_that_lags_is_not_taken_for_one_that_stands(kind):
     """First-order lag of 50 ms, joints of a fifth of the usual speed, and a command of nothing."""
     bed = Bed(kind, "ur5", 0.01, 1)
-    speed, q, answers = np.zeros(6), bed.start.copy(), []
-    follower, feed = (None, None) if kind == "step" else bed.follower(q)
-    for k in range(250):
-        now = k * bed.dt
-        if follower is None:
-            answer = bed.loop.step(q, bed.pose(now))
-        else:
-            feed(now)
-            answer = follower.step(q, now=now)
-        speed = speed + bed.dt / 0.05 * (answer.velocity - speed)
-        q = q + bed.dt * speed
-        answers.append(answer)
+    answers = bed.run(2.5, lag=0.05).answers
     assert not any("no motion measured" in a.reason for a in answers)
 
 
@@ -82,13 +71,7 @@ def test_an_arm_commanded_to_rest_has_no_fault():
 
 def test_one_joint_that_is_blocked_is_named_and_the_others_move():
     bed = Bed("joints", "ur5", 0.002, 1, joint=1)
-    follower, feed = bed.follower(bed.start)
-    q, free = bed.start.copy(), np.ones(6)
-    free[1] = 0.0
-    for k in range(500):
-        feed(k * bed.dt)
-        answer = follower.step(q, now=k * bed.dt)
-        q = q + bed.dt * free * answer.velocity
+    answer = bed.run(1.0, moves=lambda k: np.arange(6) != 1).answers[-1]
     assert answer.status == "degraded"
     assert answer.reason.startswith("no motion measured of joint 1 (")
 
@@ -117,13 +100,7 @@ def test_a_copy_of_a_stopped_loop_continues_alike():
 def test_a_given_velocity_is_used(way):
     """Who measures the velocity says that the arm stands; nothing is concluded from positions."""
     bed = Bed("twist", "ur5", 0.002, 1)
-    follower, feed = bed.follower(bed.start)
     given = {"velocity": np.zeros(6)} if way == "velocity given" else {}
-    said = []
-    for k in range(300):
-        feed(k * bed.dt)
-        answer = follower.step(bed.start, now=k * bed.dt, **given)
-        said.append("no motion measured" in answer.reason)
-        if given:
-            assert np.abs(answer.velocity).max() < 1.001 * bed.acceleration * bed.dt
-    assert any(said) == (not given)
+    trace = bed.run(0.6, stands=(0.0, np.inf), **given)
+    assert any("no motion measured" in answer.reason for answer in trace.answers) == (not given)
+    assert not given or np.abs(trace.V).max() < 1.001 * bed.acceleration * bed.dt

@@ -1,11 +1,12 @@
 """Streams from 10 Hz, jittered and with samples lost: the arm goes on while they last, and rests when they end."""
 
-from itertools import pairwise
+from itertools import count, pairwise
 
 import numpy as np
 import pytest
-from support.arms import READY
+from support.arms import ready
 from support.repeats import repeats
+from support.streams import run
 
 import invariantqp as iq
 from invariantqp.paths.stamps import Arrivals
@@ -16,25 +17,25 @@ END = 3.5  # of the stream [s]
 
 def driven(name, rate, kind, *, seed=0, jitter=0.0, lost=0.0, stamped=True, dt=0.008, timeout=0.1):
     """Times, statuses and speeds; when the last sample came, and when the next one was expected."""
-    random, robot, q = np.random.default_rng(seed), iq.load_robot(name), np.array(READY[name])
-    loop = iq.Controller(robot, dt=dt, acceleration_limit=8.0, exact="position" if len(q) < 6 else None)
-    follower, start = iq.Follower(loop, jerk=200.0, timeout=timeout), q
+    random, robot, start = np.random.default_rng(seed), iq.load_robot(name), ready(name)
+    loop = iq.Controller(robot, dt=dt, acceleration_limit=8.0, exact="position" if len(start) < 6 else None)
+    follower = iq.Follower(loop, jerk=200.0, timeout=timeout)
     stamps = np.arange(0.1, END, 1.0 / rate)
     came = [(t + 0.02 + jitter * random.random(), t) for t in stamps if random.random() >= lost or t == stamps[0]]
     came.sort()
-    last, reports = came[-1], []
-    for k in range(round((END + 1.5) / dt)):
-        now = k * dt
-        while came and came[0][0] <= now:
+    last = came[-1]
+
+    def before(k, q):
+        while came and came[0][0] <= k * dt:
             t = came.pop(0)[1]
             where, stamp = start + 0.1 * t, t if stamped else None
             if kind == "twist":
                 follower.twist([0.0, 0.0, 0.1, 0.0, 0.03, 0.0])
             else:
                 follower.add(robot.pose(where) if kind == "poses" else where, stamp)
-        solution = follower.step(q, now=now)
-        q = q + dt * solution.velocity
-        reports.append((now, str(solution.status), np.abs(solution.velocity).max()))
+
+    made = run(follower, start, round((END + 1.5) / dt), dt=dt, before=before)
+    reports = list(zip(dt * np.arange(len(made.V)), made.statuses, np.abs(made.V).max(axis=1), strict=True))
     return reports, last[0], last[1] + 1.0 / rate + 0.02 + 0.5 * jitter
 
 
@@ -72,16 +73,17 @@ def test_a_stream_of_10_hz_is_followed_as_smoothly_as_one_of_30(name):
 )
 def test_samples_without_stamps_at_a_steady_speed_are_followed_at_that_speed(rate, dt, begins, scatter):
     """Samples count from the tick they came in, which scatters in a pattern: the arm stopped, or ran at 3 rad/s."""
-    robot, q = iq.load_robot("ur5"), np.array(READY["ur5"])
-    follower, start, count, speeds = iq.Follower(iq.Controller(robot, dt=dt, acceleration_limit=8.0)), q, 0, []
-    for k in range(round(4.0 / dt)):
-        while k * dt >= begins + count / rate:
-            follower.add(start + 0.1 * count / rate)
-            count += 1
-        solution = follower.step(q)
-        q = q + dt * solution.velocity
-        speeds.append(solution.velocity)
-    assert np.array(speeds[round(1.0 / dt) :]) == pytest.approx(0.1, abs=scatter)
+    start, counted = ready("ur5"), count()
+    follower = iq.Follower(iq.Controller(iq.load_robot("ur5"), dt=dt, acceleration_limit=8.0))
+    due = [next(counted)]
+
+    def before(k, q):
+        while k * dt >= begins + due[0] / rate:
+            follower.add(start + 0.1 * due[0] / rate)
+            due[0] = next(counted)
+
+    speeds = run(follower, start, round(4.0 / dt), dt=dt, before=before, clock=None).V
+    assert speeds[round(1.0 / dt) :] == pytest.approx(0.1, abs=scatter)
 
 
 def test_the_timeout_of_a_stream():

@@ -8,8 +8,8 @@ from functools import partial
 import numpy as np
 import pytest
 from support.arms import ready
-from support.mujoco_gantry import GANTRY
-from support.spring_plane import UP
+from support.mujoco_gantry import Gantry
+from support.plane import UP
 
 import invariantqp as iq
 
@@ -17,7 +17,6 @@ DT, PRESS, ACCELERATION = 0.004, 5.0, 10.0
 TOUCHED = 150  # ticks
 WALL = np.array([0.0, 1.0, 0.0])
 CELLS = {"panda": UP, "ur5": WALL, "so101": UP, "gen3": np.array([-0.6, 0.0, 0.8])}
-READY = {"gen3": np.array([0.0, 0.3, 0.0, 2.0, 0.0, -0.8, 1.57])}
 KINDS = ("chunks", "joints", "samples", "function")
 
 
@@ -30,7 +29,7 @@ class Cell:
 
     def __init__(self, name="panda", *, dt=DT, delay=0.0, acceleration=ACCELERATION, **task):
         self.robot, self.normal = iq.load_robot(name), CELLS[name]
-        self.q = READY[name] if name in READY else ready(name)
+        self.q = ready(name)
         self.start, self.dt, self.now = self.robot.pose(self.q), dt, 0.0
         self.level = self.normal @ self.start[:3, 3] - 1e-3
         made = iq.HybridTask(partial(touch, self.normal), [PRESS], **task)
@@ -441,23 +440,14 @@ def test_bad_input_is_refused():
 
 @pytest.mark.cases(2)
 @pytest.mark.parametrize("kind", ["chunks", "twists", "samples"])
-def test_a_stream_slides_in_mujoco_s_contact(tmp_path, kind):
+def test_a_stream_slides_in_mujoco_s_contact(kind):
     """With friction, position servos, a noisy sensor, and commands that act later."""
-    mujoco = pytest.importorskip("mujoco")
-    file, dt, press = tmp_path / "gantry.xml", 0.002, 10.0
-    file.write_text(GANTRY)
-    robot = iq.load_robot(file, tool="tip", velocity_limit=np.ones(6))
-    sensor = iq.WrenchSensor(np.eye(4), order="force first", reads="reaction", noise=0.1)
-    task = iq.HybridTask(partial(touch, UP), [press])
-    loop = iq.HybridController(robot, task, dt=dt, sensor=sensor, delay=0.02, acceleration_limit=10.0)
-    follower, start = iq.Follower(loop, jerk=500.0), robot.pose(np.zeros(6))
-    model = mujoco.MjModel.from_xml_string(GANTRY)
-    model.opt.gravity[:] = 0.0
-    data, random, command, force = mujoco.MjData(model), np.random.default_rng(1), np.zeros(6), np.zeros(6)
-    presses, x, solutions = [0.0], [], []
+    dt, press = 0.002, 10.0
+    cell = Gantry(dt, press, acceleration_limit=10.0)
+    follower, presses, x, solutions = iq.Follower(cell.loop, jerk=500.0), [], [], []
 
     def way(t):  # a centimetre above the table
-        return iq.transform(start[:3, :3], start[:3, 3] + [0.01 * max(t - 2.0, 0.0), 0.0, 0.01])
+        return iq.transform(translation=[0.01 * max(t - 2.0, 0.0), 0.0, 0.01]) @ cell.start
 
     for k in range(2500):
         now = k * dt
@@ -468,19 +458,10 @@ def test_a_stream_slides_in_mujoco_s_contact(tmp_path, kind):
             follower.add(way(now), now)
         elif kind == "twists" and k % 10 == 0:
             follower.twist([0.0, 0.0, 0.0, 0.01 * (now > 2.0), 0.0, 0.0])
-        q = data.qpos.copy()
-        turn = robot.pose(q)[:3, :3]
-        reading = np.append(turn.T @ [0.0, 0.0, presses[-1]] + random.normal(0.0, 0.1, 3), np.zeros(3))
-        solutions.append(follower.step(q, now=now, wrench=reading))
-        for _ in range(round(dt / model.opt.timestep)):
-            command = command + model.opt.timestep * solutions[-1].velocity
-            data.ctrl[:] = command
-            mujoco.mj_step(model, data)
-        presses.append(0.0)
-        for c in range(data.ncon):
-            mujoco.mj_contactForce(model, data, c, force)
-            presses[-1] += force[0]
-        x.append(q[0])
+        x.append(cell.q[0])
+        solutions.append(follower.step(cell.q, now=now, wrench=cell.reading(cell.press)))
+        cell.drive(solutions[-1].velocity)
+        presses.append(cell.press)
     assert {"fault", "overload"}.isdisjoint(statuses(solutions))
     assert np.mean(presses[-1500:]) == pytest.approx(press, rel=0.15)  # it chatters a little
     assert np.polyfit(dt * np.arange(1000), x[-1000:], 1)[0] == pytest.approx(0.01, rel=0.05)

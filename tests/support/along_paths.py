@@ -3,6 +3,7 @@
 import numpy as np
 
 import invariantqp as iq
+from support.streams import run
 
 
 def speeds(robot):
@@ -25,16 +26,16 @@ def follower_on(robot, pose, at=None, dt=0.004, rise=0.2, *, options=None, **giv
 
 def drive(follower, q, ticks=6000, during=None, override=None, push=None):
     """Solutions, joint positions and velocities until the path ends; `push` moves the joints in the tick it is for."""
-    solutions, positions = [], [q]
-    for k in range(ticks):
+
+    def before(k, q):
         if during is not None:
             during(k, follower)
-        here = positions[-1] + (push or {}).get(k, 0.0)
-        solutions.append(follower.step(here, override=1.0 if override is None else override(k)))
-        positions.append(here + follower.controller.dt * solutions[-1].velocity)
-        if solutions[-1].status in ("done", "blocked"):
-            break
-    return solutions, np.array(positions), np.array([s.velocity for s in solutions])
+        return q + (push or {}).get(k, 0.0)
+
+    options = override and (lambda k, q: {"override": override(k)})
+    end = {"dt": follower.controller.dt, "clock": None, "until": ("done", "blocked")}
+    made = run(follower, q, ticks, before=before, options=options, **end)
+    return made.answers, made.Q, made.V
 
 
 def quickest(velocity, acceleration, joints, end=1.0):

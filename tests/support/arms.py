@@ -15,7 +15,10 @@ READY = {
     "ur5": (0.0, -1.4, 1.6, -1.8, -1.57, 0.0),
     "so101": (0.0, -0.4, 0.5, 0.6, 0.0),
     "xarm7": (0.0, -0.3, 0.0, 1.0, 0.0, 1.3, 0.0),
+    "gen3": (0.3, 0.3, 0.1, -1.6, 0.2, -1.0, 3.0),
 }
+# Acceleration limits of streams [rad/s^2], and jerk limits as multiples of them [1/s].
+LIMITS = {"panda": ([15, 7.5, 10, 12.5, 15, 20, 20], 500.0), "ur5": ([8.0] * 6, 50.0), "so101": ([30.0] * 5, 50.0)}
 # What each kind is; `arm` makes one with m joints.
 KINDS = ("general", "planar", "scara", "parallel", "concurrent", "nearly concurrent", "gantry", "mixed", "repeated")
 Z = np.array((0.0, 0.0, 1.0))

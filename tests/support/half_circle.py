@@ -3,7 +3,7 @@
 import numpy as np
 
 import invariantqp as iq
-from support.spring_plane import PANDA, Bench, circle, pen
+from support.plane import PANDA, Bench, circle, pen
 
 DT, RADIUS, PERIOD, SETTLED = 4e-3, 0.03, 0.4, 75
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from types import SimpleNamespace
 
 import numpy as np
 
 import invariantqp as iq
-from support.arms import READY
+from support.arms import ready
+from support.streams import run
 
 # The inputs of a `Follower`, and the other loops: a path, and the ticks of a Controller.
 INPUTS = (
@@ -22,35 +23,21 @@ INPUTS = (
     "twist",
 )
 KINDS = (*INPUTS, "path", "step")
-# Where an arm starts, its acceleration and its jerk limit.
-ARMS = {
-    "panda": (READY["panda"], 10.0, 500.0),
-    "ur5": (READY["ur5"], 10.0, 500.0),
-    "xarm7": (READY["xarm7"], 10.0, 500.0),
-    "so101": (READY["so101"], 26.0, 1000.0),
-    "gen3": ((0.3, 0.3, 0.1, -1.6, 0.2, -1.0, 3.0), 10.0, 500.0),
-}
+# Acceleration and jerk limits.
+ARMS = dict.fromkeys(("panda", "ur5", "xarm7"), (10.0, 500.0)) | {"so101": (26.0, 1000.0), "gen3": (10.0, 500.0)}
 TICKS = (0.002, 0.01, 0.033)
 # A joint goes so far [rad], from rest to rest, in this time [s].
 SIZE, TIME = 0.5, 1.5
-
-
-class Trace(NamedTuple):
-    """What came of it, tick by tick."""
-
-    Q: np.ndarray  # (n + 1, m)
-    V: np.ndarray  # (n, m) as commanded
-    answers: list
 
 
 class Bed:
     """One arm, whose joint is asked to move in one direction by one kind of input."""
 
     def __init__(self, kind, name, dt, sign, *, joint=0, robot=None, start=None, size=SIZE):
-        start_of, self.acceleration, self.jerk = ARMS[name]
+        self.acceleration, self.jerk = ARMS[name]
         self.kind, self.dt, self.size = kind, dt, sign * size
         self.robot = iq.load_robot(name) if robot is None else robot
-        self.start = np.array(start_of if start is None else start)
+        self.start = ready(name) if start is None else np.array(start)
         self.axis = np.eye(len(self.start))[joint]
         exact = "position" if len(self.start) < 6 else None
         self.loop = iq.Controller(self.robot, dt=dt, acceleration_limit=self.acceleration, exact=exact)
@@ -97,23 +84,15 @@ class Bed:
 
         return follower, feed
 
-    def run(self, seconds, *, override=lambda t: 1.0, stands=(np.inf, np.inf), reads=lambda q, k: q):
-        """Ticks of an arm that does not move from stands[0] to stands[1] [s]; `reads` (q, tick) gives its positions."""
-        q, Q, V, answers = self.start.copy(), [self.start], [], []
-        follower, feed = (None, None) if self.kind == "step" else self.follower(reads(q, 0))
-        for k in range(round(seconds / self.dt)):
-            now = k * self.dt
-            if follower is None:
-                answer = self.loop.step(reads(q, k), self.pose(now))
-            else:
-                feed(now)
-                answer = follower.step(reads(q, k), now=now, override=override(now))
-            if not stands[0] <= now < stands[1]:
-                q = q + self.dt * answer.velocity
-            Q.append(q)
-            V.append(answer.velocity)
-            answers.append(answer)
-        return Trace(np.array(Q), np.array(V), answers)
+    def run(self, seconds, *, stands=(np.inf, np.inf), reads=lambda q, k: q, **more):
+        """Ticks of an arm that does not move from stands[0] to stands[1] [s]; the rest is as of a follower's run."""
+        step = {"dt": self.dt, "reads": reads, "moves": lambda k: not stands[0] <= k * self.dt < stands[1]} | more
+        if self.kind == "step":
+            loop = SimpleNamespace(step=lambda q, now: self.loop.step(q, self.pose(now)))
+            return run(loop, self.start, round(seconds / self.dt), **step)
+        follower, feed = self.follower(reads(self.start, 0))
+        before = {"before": lambda k, q: feed(k * self.dt)}
+        return run(follower, self.start, round(seconds / self.dt), **before | step)
 
 
 def cases(kinds, each):

@@ -1,5 +1,10 @@
 """A gantry with position servos, and a ball at its end that rubs on a table, in MuJoCo."""
 
+import mujoco
+import numpy as np
+
+import invariantqp as iq
+
 GANTRY = """
 <mujoco>
   <option integrator="implicitfast" timestep="0.001"/>
@@ -26,3 +31,35 @@ GANTRY = """
   </actuator>
 </mujoco>
 """
+
+
+class Gantry:
+    """The arm, its start, and a tick of its servos; the true press [N] is read with noise by a sensor at the tip."""
+
+    def __init__(self, dt, press=10.0, **options):
+        self.dt, self.model = dt, mujoco.MjModel.from_xml_string(GANTRY)
+        self.model.opt.gravity[:] = 0.0
+        self.robot = iq.load_robot(self.model, tool="tip", velocity_limit=np.ones(6))
+        task = iq.HybridTask(lambda tool: iq.point_contact(tool[:3, 3], [0.0, 0.0, 1.0]), [press])
+        sensor = iq.WrenchSensor(np.eye(4), order="force first", reads="reaction", noise=0.1)
+        self.loop = iq.HybridController(self.robot, task, dt=dt, sensor=sensor, delay=0.02, **options)
+        self.start, self.data = self.robot.pose(np.zeros(6)), mujoco.MjData(self.model)
+        self.random, self.command, self.press = np.random.default_rng(1), np.zeros(6), 0.0
+
+    @property
+    def q(self):
+        return self.data.qpos.copy()
+
+    def reading(self, press):
+        force = self.robot.pose(self.q)[:3, :3].T @ [0.0, 0.0, press] + self.random.normal(0.0, 0.1, 3)
+        return np.append(force, np.zeros(3))
+
+    def drive(self, velocity):
+        for _ in range(round(self.dt / self.model.opt.timestep)):
+            self.command = self.command + self.model.opt.timestep * velocity
+            self.data.ctrl[:] = self.command
+            mujoco.mj_step(self.model, self.data)
+        self.press, force = 0.0, np.zeros(6)
+        for c in range(self.data.ncon):
+            mujoco.mj_contactForce(self.model, self.data, c, force)
+            self.press += force[0]

@@ -1,31 +1,78 @@
-"""Streams as policies and hands send them, from a seed: late, overlapping, disagreeing, lost, in the wrong order."""
+"""The loop of a follower, and streams as policies and hands send them: late, overlapping, disagreeing, lost."""
+
+from collections import deque
+from typing import NamedTuple
 
 import numpy as np
 
 import invariantqp as iq
-from support.arms import READY
+from support.arms import LIMITS, ready
 
-# Start, acceleration and jerk limits.
-ARMS = {
-    "panda": (READY["panda"], [15, 7.5, 10, 12.5, 15, 20, 20], 500.0),
-    "ur5": ([0.3, -1.4, 1.8, -1.9, -1.5, 0.3], [8.0] * 6, 50.0),
-    "so101": (READY["so101"], [30.0] * 5, 50.0),
-}
 DT = 0.004
+
+
+class Run(NamedTuple):
+    """Joint positions before every tick and after the last (n + 1, m), commanded velocities (n, m), and solutions."""
+
+    Q: np.ndarray
+    V: np.ndarray
+    answers: list
+
+    @property
+    def statuses(self):
+        return [str(answer.status) for answer in self.answers]
+
+
+def run(
+    follower,
+    q,
+    ticks,
+    *,
+    dt,
+    before=None,
+    options=None,
+    reads=None,
+    moves=None,
+    late=0,
+    lag=None,
+    clock=0.0,
+    until=(),
+    **fixed,
+):
+    """A run of an arm that does what is commanded `late` ticks later, until a solution has one of the statuses.
+
+    Each tick `before` (tick, q) acts, and may return other joint positions, `options` (tick, q) gives arguments of
+    the step beside the fixed ones, `reads` (q, tick) what is measured, `moves` (tick) which joints move. With a lag
+    [s] the velocity of the arm is that of a first order.
+    """
+    Q, answers, pending, speed = [q], [], deque([np.zeros(len(q))] * late), np.zeros(len(q))
+    for k in range(ticks):
+        pushed = None if before is None else before(k, q)
+        q = q if pushed is None else pushed
+        more = fixed | ({} if clock is None else {"now": clock + k * dt}) | ({} if options is None else options(k, q))
+        answers.append(follower.step(q if reads is None else reads(q, k), **more))
+        pending.append(answers[-1].velocity)
+        command = pending.popleft()
+        speed = command if lag is None else speed + dt / lag * (command - speed)
+        q = q + dt * speed if moves is None else q + dt * np.where(moves(k), speed, 0.0)
+        Q.append(q)
+        if answers[-1].status in until:
+            break
+    return Run(np.array(Q), np.array([answer.velocity for answer in answers]), answers)
 
 
 class Arm:
     """An arm with limits, and what was commanded to it."""
 
     def __init__(self, name, dt=DT, **options):
-        start, acceleration, rise = ARMS[name]
+        acceleration, rise = LIMITS[name]
         self.robot = iq.load_robot(name)
-        self.start = np.array(start)
+        self.start = ready(name)
         self.acceleration = np.array(acceleration, dtype=float)
         self.jerk = rise * self.acceleration
         self.dt = dt
         self.options = options
-        self.exact = "position" if len(start) < 6 else None
+        self.exact = "position" if len(self.start) < 6 else None
 
     def controller(self, **more):
         return iq.Controller(
@@ -81,17 +128,15 @@ def chunks(arm, rng, T, *, poses):
     return sorted(out, key=lambda c: c[0])
 
 
-def driven(arm, follower, events, T, q=None, **more):
-    """Joint positions and solutions of ticks until T; events are (time, function of the follower)."""
-    q = arm.start.copy() if q is None else q
-    Q, answers, k = [q], [], 0
-    for i in range(round(T / arm.dt)):
-        t = i * arm.dt
-        while k < len(events) and events[k][0] <= t:
-            events[k][1](follower)
-            k += 1
-        answer = follower.step(q, now=t, **more)
-        q = q + arm.dt * answer.velocity
-        Q.append(q)
-        answers.append(answer)
-    return np.array(Q), answers
+def driven(arm, follower, events, T, q=None, **options):
+    """Joint positions and solutions of ticks until T; events are (time, function of the follower), or as of `run`."""
+    if not callable(events):
+        coming = deque(events)
+
+        def due(k, q):
+            while coming and coming[0][0] <= k * arm.dt:
+                coming.popleft()[1](follower)
+
+    before = events if callable(events) else due
+    made = run(follower, arm.start if q is None else q, round(T / arm.dt), dt=arm.dt, **{"before": before} | options)
+    return made.Q, made.answers
