@@ -92,6 +92,20 @@ def test_a_moved_frame_does_not_change_joint_velocities_inside_minks_limits(arms
     assert np.median(changes["mink"]) > 0.02
 
 
+def test_it_arrives_inside_minks_limits_as_minks_task_does(arms):
+    robot, model = arms["ur5"]
+    q, errors = np.array([0.0, -1.2, 1.5, -1.0, 1.0, 0.3]), {}
+    for make in (mink.FrameTask, InvariantFrameTask):
+        here, task = mink.Configuration(model, q), make("tool", "site", position_cost=1.0, orientation_cost=1.0)
+        task.set_target(mink.SE3.from_matrix(robot.pose(q + 0.6)))
+        errors[make] = []
+        for _ in range(60):
+            here.integrate_inplace(solved(here, [task], limits(robot, model)), DT)
+            errors[make].append(np.linalg.norm(task.compute_error(here)))
+    assert errors[InvariantFrameTask][-1] < 1e-9
+    np.testing.assert_allclose(errors[InvariantFrameTask], errors[mink.FrameTask], rtol=1e-6, atol=1e-9)
+
+
 def test_joints_with_a_reference_position_have_the_models_pose():
     model = mujoco.MjModel.from_xml_string(
         """<mujoco><worldbody><body pos="0 0 .3"><joint axis="0 0 1" ref="40" range="-90 90"/><geom size=".1"/>
