@@ -424,12 +424,22 @@ class _ClearanceInLoop(EngineLimit):
         self.__init__(state["clearance"], state["rate"])  # type: ignore[misc]
         self.engine.last = state["last"]
 
+    # In a tick the engine does the rest of it by itself; these are for limits of a user that contain this one.
+
+    def begin(self, q: Array) -> None:
+        self.clearance.update()
+        self.engine.begin(q)
+
     def rows(self, q: Array, velocity: Array) -> LimitRows | None:
         return self.clearance.rows_at(q, self._rate, velocity)
 
     def after(self, q: Array, velocity: Array) -> LimitRows | None:
         # With acceleration limits the velocity is so near the last one that rows about the last one are enough.
         return self.clearance.rows_after(q, velocity, self._rate) if self._rate.stops_at_once else None
+
+    def violation(self) -> str:
+        pair, distance = self.clearance._engine.nearest
+        return self.clearance.too_near(pair, distance) if distance < self.clearance._engine.threshold else ""
 
     def blocked(self, q: Array) -> str:
         return self.clearance.blocked(q)
