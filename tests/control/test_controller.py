@@ -2,7 +2,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from support.arms import ready
-from support.loops import drive
 
 import invariantqp as iq
 
@@ -17,12 +16,6 @@ def controller(robot=PANDA, **options):
 
 def target(error=(0.02, -0.01, 0.03, 0.02, 0.01, -0.03)):
     return iq.exp(error) @ PANDA.pose(READY)
-
-
-def test_it_reaches_a_target_at_rest():
-    goal = target()
-    q, _ = drive(controller(gain=50.0), READY, goal, 400).end
-    assert np.linalg.norm(PANDA.state(q, PANDA.target(goal)).error) < 1e-6
 
 
 def test_one_tick_removes_its_share_of_the_error():
