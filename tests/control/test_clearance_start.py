@@ -34,6 +34,7 @@ def begun(limit, name, dt, acceleration, **options):
     return iq.Controller(limit.robot, dt=dt, acceleration_limit=acceleration, exact=exact, limits=[limit], **options)
 
 
+@pytest.mark.cases(8)
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize(("name", "dt", "acceleration"), CASES)
 @pytest.mark.parametrize("noise", [0.0, 1e-4])

@@ -62,17 +62,9 @@ def test_recorded_ticks_of_every_kind_agree_with_the_definition():
             least_digits.append((i, kind, off))
         assert off <= max(SOLVERS, tolerance) or (kind == "random kind" and off < 1e-4), (i, kind, off)
         if tolerance <= SOLVERS and expected.scale > SOLVERS and kind != "random kind":
-            measured = (
-                answer.approach_scale,
-                answer.scale,
-                answer.form_share,
-                answer.residual / max(1.0, expected.residual),
-            )
-            theirs = (
-                expected.approach_scale,
-                expected.scale,
-                expected.form_share,
-                expected.residual / max(1.0, expected.residual),
+            measured, theirs = (
+                (one.approach_scale, one.scale, one.form_share, one.residual / max(1.0, expected.residual))
+                for one in (answer, expected)
             )
             np.testing.assert_allclose(measured, theirs, atol=1e-5, err_msg=f"{i} {kind}")
         assert bool(answer.relaxed) == bool(expected.relaxed) or kind in {"random kind", "scales"}, (i, kind)
@@ -123,16 +115,7 @@ def alone(J, s, speed):
     """A twist by itself inside a box."""
     n, m = J.shape
     free, box = np.full(m, inf), np.full(m, speed)
-    return definition.Tick(
-        J=J,
-        root=np.eye(n),
-        feedforward=s,
-        error=np.zeros(n),
-        lower=-box,
-        upper=box,
-        position_lower=-free,
-        position_upper=free,
-    )
+    return definition.Tick(J, np.eye(n), s, np.zeros(n), -box, box, -free, free)
 
 
 def test_64_joints_and_256_rows_are_solved_and_more_are_refused(rng):

@@ -135,27 +135,9 @@ def test_further_rows_are_counted():
 
 
 def test_reasons_of_the_engine_are_decoded():
-    numbers = [
-        Code.AT_LIMITS,
-        2,
-        3,
-        0,
-        1,
-        4,
-        -1,
-        2,
-        0,
-        Code.EXACT_ROWS_VIOLATED,
-        0,
-        1,
-        1,
-        -4,
-        0.25,
-        Code.NO_PROGRESS,
-        0,
-        0,
-        0,
-    ]
+    numbers = [Code.AT_LIMITS, 2, 3, 0, 1, 4, -1, 2, 0]
+    numbers += [Code.EXACT_ROWS_VIOLATED, 0, 1, 1, -4, 0.25]
+    numbers += [Code.NO_PROGRESS, 0, 0, 0]
     found = reasons.decoded(array("d", numbers).tobytes(), ("wall", "", ""))
     assert found == (
         Reason(Code.AT_LIMITS, (1, 4), ("the tool's speed", "row 2", "wall")),

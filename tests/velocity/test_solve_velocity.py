@@ -284,8 +284,6 @@ BAD = {
     "form bool": lambda: iq.solve_velocity(J6, ONE, form=True),
     "damping negative": lambda: iq.solve_velocity(J6, ONE, damping=-1.0),
     "damping policy": lambda: iq.solve_velocity(J6, ONE, damping=iq.Guard(0.5)),
-    "many joints": lambda: iq.solve_velocity(np.ones((6, 65)), ONE),
-    "many rows": lambda: iq.solve_velocity(J6, ONE, rows=iq.limits.LimitRows(np.ones((257, 6)), [0] * 257, [1] * 257)),
     "bounds type": lambda: iq.solve_velocity(J6, ONE, bounds=(-ONE, ONE, ONE)),
     "bounds crossed": lambda: iq.solve_velocity(J6, ONE, bounds=(ONE, -ONE)),
     "bounds length": lambda: iq.solve_velocity(J6, ONE, bounds=iq.Bounds([-1.0], [1.0])),
