@@ -342,6 +342,11 @@ class Clearance(Limit):
         first, second, _ = self._near(pair, distance)
         return f"{first} and {second} are nearer than {1e3 * self.distance:.1f} mm"
 
+    def violation(self) -> str:
+        """Which bodies were too near at the last call of `rows`, "" if none."""
+        pair, distance = self._engine.nearest
+        return self.too_near(pair, distance) if distance < self._engine.threshold else ""
+
     def at(self, q: ArrayLike) -> Near:
         """The nearest two bodies and their distance at joint positions q (m,).
 
@@ -424,7 +429,7 @@ class _ClearanceInLoop(EngineLimit):
         self.__init__(state["clearance"], state["rate"])  # type: ignore[misc]
         self.engine.last = state["last"]
 
-    # In a tick the engine does the rest of it by itself; these are for limits of a user that contain this one.
+    # The engine calls none of begin, rows, after and violation; a user's limit that contains this one does.
 
     def begin(self, q: Array) -> None:
         self.clearance.update()
@@ -438,8 +443,7 @@ class _ClearanceInLoop(EngineLimit):
         return self.clearance.rows_after(q, velocity, self._rate) if self._rate.stops_at_once else None
 
     def violation(self) -> str:
-        pair, distance = self.clearance._engine.nearest
-        return self.clearance.too_near(pair, distance) if distance < self.clearance._engine.threshold else ""
+        return self.clearance.violation()
 
     def blocked(self, q: Array) -> str:
         return self.clearance.blocked(q)

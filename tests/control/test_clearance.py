@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+from support.arms import ready
 from support.clearances import DT, HAND, LINKS, READY, TABLE, below, by_coal
 from support.loops import drive
 
@@ -233,7 +234,7 @@ def test_no_tick_is_ok_while_bodies_are_nearer_than_the_distance(panda, accelera
 @pytest.mark.parametrize("speed", [0.1, 0.3])
 def test_the_arm_evades_a_moving_obstacle_with_and_without_acceleration_limits(ur5, dt, speed, told):
     """A ball goes through where the hand is: the arm begins in time to go before it, by its own distances."""
-    q0 = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
+    q0 = ready("ur5")
     at, ball = ur5.pose(q0), Sphere([0.0, 0.0, 0.0], 0.08, name="ball")
     for acceleration in (None, 8.0):
         limit = Clearance(ur5, {"tool": [Sphere([0.0, 0.0, 0.0], 0.05)]}, [ball])

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from invariantqp._core import FollowerState, TrackedMotion
 from scipy.optimize import minimize
+from support.arms import ready
 from support.loops import drive
 
 import invariantqp as iq
@@ -175,7 +176,7 @@ def test_joint_velocities_give_way_to_limits_by_the_least(exact):
 def test_no_joint_swings_where_a_twist_cannot_be_done(exact):
     """Joints that brake slowly go on for longer than a tick: the law knows for how long a velocity is held."""
     robot = iq.load_robot("so101" if exact else "ur5")
-    q = np.array([0.0, -0.4, 0.5, 0.6, 0.0] if exact else [0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
+    q = ready("so101" if exact else "ur5")
     loop, V = iq.Controller(robot, dt=DT, acceleration_limit=3.0, exact=exact), []
     for _ in range(1400):
         answer = loop.follow(q, [0.0, 0.0, 0.0, 0.3, 0.0, 0.0])

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from support.arms import ready
 from support.loops import drive
 from support.repeats import repeats
 
@@ -198,7 +199,7 @@ def test_ok_is_what_it_promises_and_limited_names_what_limits(name, loop_name):
 
 def test_a_moving_arm_does_not_report_that_no_velocity_helps():
     """A slow arm far from its target does little of what the gain asks for, and gets there; out of reach it rests."""
-    robot, q = iq.load_robot("panda"), np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])
+    robot, q = iq.load_robot("panda"), ready("panda")
     slow = iq.Controller(robot, dt=0.001)
     solution = slow.step(q, iq.transform(translation=[1.2, 0.0, 0.5]) @ robot.pose(q), velocity_limit=0.005)
     codes = [reason.code.name for reason in solution.reasons]
@@ -227,7 +228,7 @@ def test_at_a_target_that_is_reached_it_is_ok(goal):
 @pytest.mark.parametrize("limit", ["range", "clearance"])
 def test_a_tool_that_limits_move_off_a_still_target_is_not_ok(limit):
     """A start inside a margin is left, and the first tick says so, too; so is the place of a box that is put there."""
-    robot, q = iq.load_robot("ur5"), np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
+    robot, q = iq.load_robot("ur5"), ready("ur5")
     options = {"position_margin": 2.0}
     if limit == "clearance":
         at = iq.transform(np.eye(3), robot.pose(q)[:3, 3] + [0.0, 0.0, -0.06])
@@ -253,11 +254,7 @@ def test_a_joint_at_its_limit_is_as_quiet_as_one_elsewhere(name, options):
     robot, dt, lag, noise, rng = iq.load_robot(name), 0.004, 0.02, 1e-4, np.random.default_rng(3)
     if name == "ur5":
         robot = robot.with_limits(position_upper=np.full(6, 1.7))
-    goal = {
-        "panda": np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8]),
-        "ur5": np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0]),
-        "so101": np.zeros(5),
-    }[name].copy()
+    goal = np.zeros(5) if name == "so101" else ready(name)
     joint = {"panda": 5, "ur5": 2, "so101": 3}[name]
     q, moving, seen = goal.copy(), np.zeros(len(goal)), []
     goal[joint] = (1.3 if name == "so101" else 1.0) * robot.position_upper[joint] + 0.2

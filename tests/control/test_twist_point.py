@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.arms import READY
+from support.arms import ready
 from support.fuzz_ticks import random_chain
 from support.repeats import repeats
 
@@ -12,10 +12,6 @@ import invariantqp as iq
 
 ARMS = ("panda", "ur5", "xarm7", "gen3")
 TURN, BOTH = np.array([0.2, 0.0, 0.0, 0.0, 0.0, 0.0]), np.array([0.1, -0.05, 0.2, 0.03, -0.02, 0.04])
-
-
-def ready(name):
-    return np.array(READY.get(name, (0.3, 0.3, 0.1, -1.6, 0.2, -1.0, 3.0)))
 
 
 def at_tool(robot, q, x):
