@@ -167,6 +167,8 @@ def test_copies_of_a_solution_have_its_reasons(copied, why):
     assert found == solution(DECODED, row_names=names)
     assert hash(found) == hash(solution(DECODED, row_names=names))
     assert found != solution(DECODED[:1], row_names=names)
+    assert not found != solution(DECODED, row_names=names)  # noqa: SIM202 (a tuple has a != of its own)
+    assert found != tuple(found)
     assert "APPROACH_SCALED" in repr(found)
 
 
