@@ -342,6 +342,11 @@ class Clearance(Limit):
         first, second, _ = self._near(pair, distance)
         return f"{first} and {second} are nearer than {1e3 * self.distance:.1f} mm"
 
+    def violation(self) -> str:
+        """Which bodies were too near at the last call of `rows`, "" if none."""
+        pair, distance = self._engine.nearest
+        return self.too_near(pair, distance) if distance < self._engine.threshold else ""
+
     def at(self, q: ArrayLike) -> Near:
         """The nearest two bodies and their distance at joint positions q (m,).
 
@@ -424,12 +429,21 @@ class _ClearanceInLoop(EngineLimit):
         self.__init__(state["clearance"], state["rate"])  # type: ignore[misc]
         self.engine.last = state["last"]
 
+    # The engine calls none of begin, rows, after and violation; a user's limit that contains this one does.
+
+    def begin(self, q: Array) -> None:
+        self.clearance.update()
+        self.engine.begin(q)
+
     def rows(self, q: Array, velocity: Array) -> LimitRows | None:
         return self.clearance.rows_at(q, self._rate, velocity)
 
     def after(self, q: Array, velocity: Array) -> LimitRows | None:
         # With acceleration limits the velocity is so near the last one that rows about the last one are enough.
         return self.clearance.rows_after(q, velocity, self._rate) if self._rate.stops_at_once else None
+
+    def violation(self) -> str:
+        return self.clearance.violation()
 
     def blocked(self, q: Array) -> str:
         return self.clearance.blocked(q)

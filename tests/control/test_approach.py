@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from support.arms import ready
 from support.loops import drive
 
 import invariantqp as iq
@@ -123,7 +124,7 @@ def test_a_declared_delay_is_compensated_and_an_undeclared_one_is_reported():
 
 def test_a_small_vibration_of_an_undeclared_delay_is_reported():
     """Some millimetres at the tool, under acceleration limits: 20 ms of dead time and a motor's lag of 15."""
-    dt, q, v = 0.001, np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8]), np.zeros(7)
+    dt, q, v = 0.001, ready("panda"), np.zeros(7)
     target = PANDA.pose(q)
     target[:3, 3] += (0.1, 0.1, 0.05)
     loop, seen, tool, said = iq.Controller(PANDA, dt=dt, acceleration_limit=8.0), [q] * 21, [], []

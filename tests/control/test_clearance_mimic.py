@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 import invariantqp as iq
+from invariantqp.geometry.shapes import Core
 from invariantqp.limits import Capsule, Clearance, OtherArm, Sphere
 
 # link, what it stands on, place, kind and axis of its joint, and which one that mimics: driver, ratio, offset
@@ -26,6 +27,8 @@ TELESCOPE = (
     ("finger", "pitch", "0.2 0 0", "revolute", "0 1 0", ("pitch", 1.7, -0.3)),
     ("tip", "finger", "0.15 0 0", "revolute", "1 0 0", None),
 )
+Z = np.array([0.0, 0.0, 1.0])
+FAR = Sphere([9.0, 0.0, 0.0], 0.1, name="far")
 SCENES = {"parallelogram": PARALLELOGRAM, "telescope": TELESCOPE}
 
 
@@ -94,19 +97,30 @@ def test_distances_and_rows_are_those_of_pinocchios_bodies(scene):
     assert len(seen) > len(names)
 
 
-def test_no_body_is_faster_than_its_levers_say(scene):
-    robot, bodies, ball, _ = scene
-    limit, rng, h, closest = Clearance(robot, bodies, [ball]), np.random.default_rng(1), 1e-6, 0.0
+def arms_with_bodies():
+    """Arms with mimic joints, and one with capsules, fixed and on a rail."""
+    for rows in SCENES.values():
+        robot = iq.load_robot(text_of(rows))
+        yield robot, {link.name: [Sphere((0.02, 0.01, 0.0), 0.03)] for link in robot.links}
+    yield from ((iq.load_robot("ur5", base=base), None) for base in (None, iq.robots.rail([0, 1, 0], -1.0, 1.0, 0.5)))
+
+
+@pytest.mark.parametrize(("robot", "bodies"), list(arms_with_bodies()), ids=[*SCENES, "ur5", "ur5 on a rail"])
+def test_levers_bound_the_speed_of_every_point_of_a_shape(robot, bodies):
+    limit, rng, h, closest = Clearance(robot, bodies, [FAR]), np.random.default_rng(1), 1e-6, 0.0
     coordinates = np.array(robot.joints.coordinates)
-    for _ in range(50):
-        q, x = rng.uniform(-1.0, 1.0, (2, len(robot.names)))
+    low, high = np.maximum(robot.position_lower, -np.pi), np.minimum(robot.position_upper, np.pi)
+    for _ in range(100):
+        q, x = rng.uniform(low, high), rng.normal(size=len(low)) * (rng.random(len(low)) < 0.3)
         before, after = (limit.shapes(q + step) for step in (-h * x, h * x))
         for lever, (_, body, one), (_, _, other) in zip(limit._engine.levers, before, after, strict=True):
-            if body:
-                speed = np.linalg.norm((other.pose - one.pose)[:3, 3]) / (2.0 * h)
-                most = lever @ np.abs(x[coordinates])
-                assert speed < most + 1e-6
-                closest = max(closest, speed / most)
+            most = lever @ np.abs(x[coordinates]) if body else 0.0
+            tip = one.half + one.radius  # a corner beyond the shape's round
+            for end in [s * one.half for s in (Z, -Z)] if one.core is Core.SEGMENT else [tip]:
+                moved = (other.pose - one.pose)[:3, :3] @ end + (other.pose - one.pose)[:3, 3]
+                speed = np.linalg.norm(moved) / (2.0 * h)
+                assert not body or speed < most + 1e-6
+                closest = max(closest, speed / most if most > 0.0 else 0.0)
     assert closest > 0.5
 
 

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from support.arms import ready
 from support.loops import drive
 from support.repeats import repeats
 
@@ -98,16 +99,13 @@ def test_out_of_reach_joints_rest_that_bring_the_tool_no_nearer(name):
     robot, dt, creeping = iq.load_robot(name), 0.01, 0
     rng = np.random.default_rng(4)
     for _ in range(repeats(40, 16)):
-        q, target, late = somewhere(rng, robot), robot.pose(somewhere(rng, robot)), np.zeros(7)
+        start, target = somewhere(rng, robot), robot.pose(somewhere(rng, robot))
         target[:3, 3] *= 1.6
-        loop, aim = iq.Controller(robot, dt=dt, delay=dt, acceleration_limit=10.0), robot.target(target)
-        for _ in range(1500):
-            q, late = q + dt * late, loop.step(q, aim).velocity
-        left, moved = missed(robot, q, target), 0.0
-        for _ in range(100):
-            moved += dt * np.linalg.norm(measured(robot, q, loop.measure.length)[0], axis=0) @ np.abs(late)
-            q, late = q + dt * late, loop.step(q, aim).velocity
-        resting, nearer = np.abs(late).max() < 1e-5, left - missed(robot, q, target)
+        loop = iq.Controller(robot, dt=dt, delay=dt, acceleration_limit=10.0)
+        q, x, _ = drive(loop, start, robot.target(target), 1600, late=1)
+        ways = [np.linalg.norm(measured(robot, p, loop.measure.length)[0], axis=0) for p in q[1500:1600]]
+        moved = np.sum(ways * np.abs(np.diff(q[1500:], axis=0)))
+        resting, nearer = np.abs(x[-1]).max() < 1e-5, missed(robot, q[1500], target) - missed(robot, q[-1], target)
         assert resting or nearer > 2e-4 * moved
         creeping += not resting and nearer <= 1e-5
     assert creeping <= 1
@@ -201,19 +199,15 @@ def test_ok_is_what_it_promises_and_limited_names_what_limits(name, loop_name):
 
 def test_a_moving_arm_does_not_report_that_no_velocity_helps():
     """A slow arm far from its target does little of what the gain asks for, and gets there; out of reach it rests."""
-    robot, q = iq.load_robot("panda"), np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])
+    robot, q = iq.load_robot("panda"), ready("panda")
     slow = iq.Controller(robot, dt=0.001)
     solution = slow.step(q, iq.transform(translation=[1.2, 0.0, 0.5]) @ robot.pose(q), velocity_limit=0.005)
     codes = [reason.code.name for reason in solution.reasons]
     assert (solution.status, codes) == ("limited", ["APPROACH_SCALED", "AT_LIMITS"])
-    loop, ends = iq.Controller(robot, dt=0.01), []
-    far = iq.transform(translation=[3.0, 0.0, 0.5])
-    for _ in range(1400):
-        solution = loop.step(q, far)
-        q = q + 0.01 * solution.velocity
-        ends.append("no velocity reduces" in solution.reason)
-        assert not ends[-1] or np.abs(solution.velocity).max() < 1e-2
+    run = drive(iq.Controller(robot, dt=0.01), q, iq.transform(translation=[3.0, 0.0, 0.5]), 1400)
+    ends = ["no velocity reduces" in solution.reason for solution in run.solutions]
     assert ends[-1]
+    assert np.abs(run.x[ends]).max() < 1e-2
 
 
 @pytest.mark.parametrize("goal", ["straight wrist", "straight elbow"])
@@ -234,7 +228,7 @@ def test_at_a_target_that_is_reached_it_is_ok(goal):
 @pytest.mark.parametrize("limit", ["range", "clearance"])
 def test_a_tool_that_limits_move_off_a_still_target_is_not_ok(limit):
     """A start inside a margin is left, and the first tick says so, too; so is the place of a box that is put there."""
-    robot, q = iq.load_robot("ur5"), np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
+    robot, q = iq.load_robot("ur5"), ready("ur5")
     options = {"position_margin": 2.0}
     if limit == "clearance":
         at = iq.transform(np.eye(3), robot.pose(q)[:3, 3] + [0.0, 0.0, -0.06])
@@ -260,11 +254,7 @@ def test_a_joint_at_its_limit_is_as_quiet_as_one_elsewhere(name, options):
     robot, dt, lag, noise, rng = iq.load_robot(name), 0.004, 0.02, 1e-4, np.random.default_rng(3)
     if name == "ur5":
         robot = robot.with_limits(position_upper=np.full(6, 1.7))
-    goal = {
-        "panda": np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8]),
-        "ur5": np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0]),
-        "so101": np.zeros(5),
-    }[name].copy()
+    goal = np.zeros(5) if name == "so101" else ready(name)
     joint = {"panda": 5, "ur5": 2, "so101": 3}[name]
     q, moving, seen = goal.copy(), np.zeros(len(goal)), []
     goal[joint] = (1.3 if name == "so101" else 1.0) * robot.position_upper[joint] + 0.2
@@ -315,9 +305,7 @@ def test_the_tick_decides_no_status(name):
             q, loop = somewhere(rng, robot), iq.Controller(robot, dt=dt, gain=10.0)
             low, high = ranges(robot)
             target = robot.target(robot.pose(np.clip(q + rng.uniform(-1.0, 1.0, len(q)), low, high)))
-            for _ in range(ticks):
-                solution = loop.step(q, target)
-                q, ok = q + dt * solution.velocity, ok + (solution.status == "ok")
+            ok += sum(solution.status == "ok" for solution in drive(loop, q, target, ticks).solutions)
         share.append(ok / (6 * ticks))
     assert share[0] == pytest.approx(share[1], abs=0.06)
     assert 0.2 < share[0] < 0.98
@@ -357,15 +345,11 @@ def test_an_exact_point_keeps_its_line_beside_acceleration_limits(name, jump):
         target, start, way = robot.pose(q), robot.pose(q)[:3, 3], rng.normal(size=3)
         way *= jump / np.linalg.norm(way)
         target[:3, 3] += way
-        off, before = 0.0, np.zeros(len(q))
-        for _ in range(400):
-            v = loop.step(q, target).velocity
-            assert np.abs(v - before).max() <= 0.04 * (1.0 + 1e-9)
-            q, before = q + 0.004 * v, v
-            moved = robot.pose(q)[:3, 3] - start
-            off = max(off, np.linalg.norm(moved - way * (moved @ way) / (way @ way)))
-        assert off < 3e-4
-        assert np.linalg.norm(moved - way) < 1e-4
+        run = drive(loop, q, target, 400)
+        assert np.abs(run.changes).max() <= 0.04 * (1.0 + 1e-9)
+        gone = np.array([robot.pose(p)[:3, 3] - start for p in run.q])
+        assert np.linalg.norm(gone - np.outer(gone @ way, way) / (way @ way), axis=1).max() < 3e-4
+        assert np.linalg.norm(gone[-1] - way) < 1e-4
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5"])
@@ -378,14 +362,11 @@ def test_the_pace_rises_as_the_way_gets_shorter(name):
     way = 0.3 * rng.normal(size=3)
     target = np.array(start)
     target[:3, 3] += way
-    paces, off = [], []
-    for _ in range(200):
-        solution = loop.step(q, target)
-        found = re.search(r"limits allow (\S+) of the approach's speed", solution.reason)
-        paces.append(float(found[1]) if found else 1.0)
-        q = q + 0.01 * solution.velocity
-        left = robot.pose(q)[:3, 3] - start[:3, 3]
-        off.append(np.linalg.norm(left - way * (left @ way) / (way @ way)))
+    run = drive(loop, q, target, 200)
+    found = [re.search(r"limits allow (\S+) of the approach's speed", solution.reason) for solution in run.solutions]
+    paces = [float(pace[1]) if pace else 1.0 for pace in found]
+    gone = np.array([robot.pose(p)[:3, 3] - start[:3, 3] for p in run.q])
+    off = np.linalg.norm(gone - np.outer(gone @ way, way) / (way @ way), axis=1)
     assert paces[0] < 0.9
     assert paces[-1] == 1.0
     assert all(b >= a - 0.05 for a, b in pairwise(paces))

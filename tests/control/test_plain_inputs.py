@@ -94,10 +94,12 @@ WRONG = {
 }
 
 
+@pytest.mark.parametrize("backend", [None, "osqp"])
 @pytest.mark.parametrize("wrong", WRONG.values(), ids=WRONG)
-def test_bad_vectors_are_refused_by_name(wrong):
+def test_bad_vectors_are_refused_by_name_and_leave_the_loop_as_it_was(wrong, backend):
     robot, q = iq.load_robot("ur5"), np.array(READY["ur5"])
-    loop = iq.Controller(robot, dt=0.01, acceleration_limit=8.0)
+    loop = iq.Controller(robot, dt=0.01, acceleration_limit=8.0, backend=backend)
+    loop.step(q, robot.pose(q + 0.1))
     before = loop.state
     calls = {
         "q": lambda: loop.step(wrong, robot.pose(q)),

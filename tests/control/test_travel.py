@@ -122,6 +122,20 @@ VALUES = {
     "shared": lambda: iq.control.SharedTask(np.eye(6)[:, :2], np.eye(6)[:, 2:]),
     "sensor": lambda: wrist(UP, mass=0.3, centre=[0, 0, 0.1]),
     "chain": lambda: iq.robots.Chain(np.eye(6), np.eye(4)),
+    "target": lambda: iq.Target([0.1, 0.2, 0.3], [0.0, 0.0, 2.0], tool_axis=[1.0, 0.0, 0.0]),
+    "joint limits": lambda: iq.limits.JointLimits(-1.0, [1.0, 2.0], 3.0, 0.1),
+    "acceleration": lambda: iq.limits.AccelerationLimit([1.0, 2.0]),
+    "limit rows": lambda: iq.limits.LimitRows([[1.0, 2.0]], [-1.0], [1.0], "a"),
+    "tool speed": lambda: iq.limits.ToolSpeed(0.25, (0.0, 0.0, 1.0)),
+    "bounds": lambda: iq.Bounds([-1.0], [1.0]),
+    "exact rows": lambda: iq.ExactRows([[1.0, 2.0]], [0.5]),
+    "pitch": lambda: iq.PitchForm(0.3),
+    "complement": lambda: iq.Complement(np.eye(6)[:, :2]),
+    "metric": lambda: iq.CarriedMetric(np.ones(6)),
+    "metric at a pose": lambda: iq.CarriedMetric(np.eye(6), np.eye(4)),
+    "guard": lambda: iq.Guard(0.7),
+    "twist task": lambda: iq.velocity.TwistTask(np.eye(6), np.ones(6), form=0.3),
+    "joint task": lambda: iq.velocity.JointTask([1.0, 2.0]),
 }
 
 
@@ -132,6 +146,7 @@ def test_values_compare_hash_and_show_themselves(name):
     assert hash(value) == hash(again)
     assert value != object()
     assert all(value != other() for key, other in VALUES.items() if key != name)
+    assert repr(value).startswith(type(value).__name__ + "(")
     assert len(repr(value)) < 300
     assert "\n" not in repr(value)
     for travel in TRAVELS.values():
@@ -139,8 +154,9 @@ def test_values_compare_hash_and_show_themselves(name):
         assert there == value
         assert hash(there) == hash(value)
         assert all(not a.flags.writeable for a in vars(there).values() if isinstance(a, np.ndarray))
-    with pytest.raises(AttributeError):
-        value.name = "another"
+    for name in ("name", *vars(value)):
+        with pytest.raises(AttributeError):
+            setattr(value, name, 0.0)
 
 
 def test_values_keep_their_own_arrays():

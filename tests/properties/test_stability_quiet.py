@@ -1,9 +1,11 @@
 """At a target three metres away the arm comes to rest as near as least squares would leave it, whatever the gain."""
 
-import daqp
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
-from support.velocity_reference import root_of
+from support.least_squares import LeastSquares
+from support.loops import drive
 
 import invariantqp as iq
 
@@ -17,18 +19,6 @@ ARMS = {
 }
 
 
-def definite(robot, q, target, gain, L):
-    """One tick of least squares in W = diag(L^2 I, I) at the tool, inside the limits, by DAQP alone."""
-    state = robot.state(q, target)
-    J, s = state.J, gain * state.error
-    root = root_of(robot.pose(q)[:3, 3], L)
-    A, b = root @ J, root @ s
-    mu = 0.5 * DT * np.linalg.norm(b) * np.linalg.norm(A)
-    low = np.clip((robot.position_lower - q) / DT, -robot.velocity_limit, robot.velocity_limit)
-    high = np.clip((robot.position_upper - q) / DT, -robot.velocity_limit, robot.velocity_limit)
-    return daqp.solve(A.T @ A + mu * np.eye(len(q)), -A.T @ b, np.empty((0, len(q))), high, low)[0]
-
-
 @pytest.mark.parametrize("name", ARMS)
 def test_quiet_at_the_definite_laws_error(name):
     gain = 1.0 / DT
@@ -38,13 +28,11 @@ def test_quiet_at_the_definite_laws_error(name):
     pose[0, 3] += 3.0
     target = robot.target(pose)
     loop = iq.Controller(robot, dt=DT, gain=gain)
-    errors = []
-    L = loop.measure.length
-    for step in (lambda q: loop.step(q, target).velocity, lambda q: definite(robot, q, target, gain, L)):
-        q = np.array(start)
-        for _ in range(round(seconds / DT)):
-            x = step(q)
-            q = q + DT * x
+    L, errors = loop.measure.length, []
+    law = SimpleNamespace(dt=DT, gain=gain, posture=False, posture_gain=0.5, point=np.zeros(3), length=L, exact=None)
+    for one in (loop, LeastSquares(robot, law)):
+        q, x, _ = drive(one, start, target, round(seconds / DT))
+        q, x = q[-1], x[-1]
         assert np.abs(x).max() < QUIET
         error = robot.state(q, target).error
         off = np.linalg.norm(robot.pose(q)[:3, 3] - pose[:3, 3]), L * np.linalg.norm(error[:3])

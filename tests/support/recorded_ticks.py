@@ -6,6 +6,7 @@ Each field of a tick is one array in the file, the numbers of all ticks one afte
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import fields as fields_of
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,18 +24,10 @@ FILE = Path(__file__).parents[1] / "velocity" / "ticks.npz"
 FAILED, NO_PSEUDOINVERSE = "failed", "no pseudoinverse"
 ROUNDING = 4.0 * np.finfo(float).eps
 PERTURBED = 4  # times that a tick is solved again, to see how much its answer depends on rounding
-VECTORS = (
-    "feedforward",
-    "error",
-    "lower",
-    "upper",
-    "position_lower",
-    "position_upper",
-    "posture",
-    "velocity_limit",
-    "last_velocity",
-)
-ARRAYS = ("J", "root", "metric", *VECTORS)
+# The fields of a tick by name; those with a shape of their own are stored and given in parts.
+PARTS = {"rows", "exact", "twist_rows", "form", "guard"}
+SCALARS = ("hold_time", "last_residual", "damping", "exact_rank")
+ARRAYS = tuple(field.name for field in fields_of(Tick) if field.name not in {*PARTS, *SCALARS})
 
 
 class UserForm:
@@ -70,6 +63,26 @@ def solve(tick: Tick) -> Answer | str:
         return NO_PSEUDOINVERSE
     except (SolverFailure, np.linalg.LinAlgError):
         return FAILED
+
+
+def engine_fields(tick: Tick) -> dict[str, Any]:
+    """The tick as the engine takes it."""
+    given = {name: getattr(tick, name) for name in (*ARRAYS, *SCALARS, "guard")}
+    if tick.exact is None:
+        del given["exact_rank"]
+    if tick.rows is not None:
+        given["rows"] = tick.rows.C, tick.rows.lower, tick.rows.upper
+        if tick.rows.P is not None and tick.rows.speed < np.inf:
+            given["tool_speed"] = tick.rows.P, tick.rows.speed
+    if tick.exact is not None:
+        given["exact"] = tuple(tick.exact)
+    if isinstance(tick.form, PitchForm):
+        given["form"] = "pitch", tick.form.h
+    elif isinstance(tick.form, Complement):
+        given["form"] = "complement", tick.form.Z
+    elif tick.form is not None:
+        given["form"] = "definite", tick.form.matrix(np.eye(6))
+    return {name: value for name, value in given.items() if value is not None}
 
 
 def scale(tick: Tick, x: Array) -> float:
@@ -152,7 +165,7 @@ def _packed(recorded: Recorded, words: dict[str, int]) -> dict[str, Array | None
     fields |= dict.fromkeys(("velocity", "result", "relaxed", "relaxed_names", "failure"))
     fields |= dict.fromkeys(("pitch", "Z", "Q", "guard"))
     fields["kind"] = coded([kind])
-    fields["scalars"] = np.array([tick.hold_time, tick.last_residual, tick.damping, tick.exact_rank, sensitivity])
+    fields["scalars"] = np.array([*(getattr(tick, name) for name in SCALARS), sensitivity])
     if tick.rows is not None:
         rows = tick.rows
         fields |= {"C": rows.C, "C_lower": rows.lower, "C_upper": rows.upper, "C_names": coded(rows.names)}
@@ -196,20 +209,11 @@ def _unpacked(fields: dict[str, Any], words: list[str]) -> Recorded:
         form = iq.Complement(fields["Z"])
     elif fields["Q"] is not None:
         form = UserForm(fields["Q"])
-    hold_time, last_residual, damping, exact_rank, sensitivity = fields["scalars"].tolist()
+    *scalars, sensitivity = fields["scalars"].tolist()
+    given = {name: fields[name] for name in ARRAYS} | dict(zip(SCALARS, scalars, strict=True))
+    given["exact_rank"] = int(given["exact_rank"])
     guard = None if fields["guard"] is None else float(fields["guard"][0])
-    given = {name: fields[name] for name in ARRAYS}
-    tick = Tick(
-        **given,
-        rows=rows,
-        exact=exact,
-        exact_rank=int(exact_rank),
-        hold_time=hold_time,
-        last_residual=last_residual,
-        form=form,
-        damping=damping,
-        guard=guard,
-    )
+    tick = Tick(**given, rows=rows, exact=exact, form=form, guard=guard)
     if fields["failure"] is not None:
         return Recorded(*decoded("kind"), tick, *decoded("failure"), sensitivity)
     approach_scale, scale, residual, form_share = fields["result"].tolist()

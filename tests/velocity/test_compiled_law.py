@@ -7,27 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.random_ticks import random_tick
-from support.recorded_ticks import FAILED, NO_PSEUDOINVERSE, apart, perturbed, read, scale, solve
+from support.recorded_ticks import FAILED, NO_PSEUDOINVERSE, apart, engine_fields, perturbed, read, scale, solve
 
 import invariantqp as iq
 from invariantqp import _core
 from invariantqp.velocity import definition
 from invariantqp.velocity.backends import backend_of
-from invariantqp.velocity.forms import Complement, PitchForm
 
-FIELDS = (
-    "J",
-    "root",
-    "feedforward",
-    "error",
-    "lower",
-    "upper",
-    "position_lower",
-    "position_upper",
-    "posture",
-    "velocity_limit",
-)
-REMEMBERED = ("metric", "hold_time", "last_velocity", "last_residual", "damping", "guard")
 # Solvers of the definition stop at tolerances of about this much; the engine's answers have ten digits and more.
 SOLVERS = 1e-7
 
@@ -37,28 +23,9 @@ def rng():
     return np.random.default_rng(70)
 
 
-def fields(tick):
-    """A tick as the engine takes it."""
-    given = {name: getattr(tick, name) for name in (*FIELDS, *REMEMBERED)}
-    if tick.rows is not None:
-        given["rows"] = tick.rows.C, tick.rows.lower, tick.rows.upper
-        if tick.rows.P is not None and tick.rows.speed < inf:
-            given["tool_speed"] = tick.rows.P, tick.rows.speed
-    if tick.exact is not None:
-        given["exact"] = tuple(tick.exact)
-        given["exact_rank"] = tick.exact_rank
-    if isinstance(tick.form, PitchForm):
-        given["form"] = "pitch", tick.form.h
-    elif isinstance(tick.form, Complement):
-        given["form"] = "complement", tick.form.Z
-    elif tick.form is not None:
-        given["form"] = "definite", tick.form.matrix(np.eye(6))
-    return {name: value for name, value in given.items() if value is not None}
-
-
 def engine(tick):
     """The engine's answer, as far as the definition has it; and by how much which rows gave way."""
-    x, pace, share, missed, guarded, relaxed, faster, failure, _, _ = _core.tick(**fields(tick))
+    x, pace, share, missed, guarded, relaxed, faster, failure, _, _ = _core.tick(**engine_fields(tick))
     if failure:
         return (FAILED, NO_PSEUDOINVERSE)[failure - 1]
     names = ("row",) * int(relaxed is not None) + ("speed",) * int(faster > 0.0)
@@ -95,17 +62,9 @@ def test_recorded_ticks_of_every_kind_agree_with_the_definition():
             least_digits.append((i, kind, off))
         assert off <= max(SOLVERS, tolerance) or (kind == "random kind" and off < 1e-4), (i, kind, off)
         if tolerance <= SOLVERS and expected.scale > SOLVERS and kind != "random kind":
-            measured = (
-                answer.approach_scale,
-                answer.scale,
-                answer.form_share,
-                answer.residual / max(1.0, expected.residual),
-            )
-            theirs = (
-                expected.approach_scale,
-                expected.scale,
-                expected.form_share,
-                expected.residual / max(1.0, expected.residual),
+            measured, theirs = (
+                (one.approach_scale, one.scale, one.form_share, one.residual / max(1.0, expected.residual))
+                for one in (answer, expected)
             )
             np.testing.assert_allclose(measured, theirs, atol=1e-5, err_msg=f"{i} {kind}")
         assert bool(answer.relaxed) == bool(expected.relaxed) or kind in {"random kind", "scales"}, (i, kind)
@@ -156,16 +115,7 @@ def alone(J, s, speed):
     """A twist by itself inside a box."""
     n, m = J.shape
     free, box = np.full(m, inf), np.full(m, speed)
-    return definition.Tick(
-        J=J,
-        root=np.eye(n),
-        feedforward=s,
-        error=np.zeros(n),
-        lower=-box,
-        upper=box,
-        position_lower=-free,
-        position_upper=free,
-    )
+    return definition.Tick(J, np.eye(n), s, np.zeros(n), -box, box, -free, free)
 
 
 def test_64_joints_and_256_rows_are_solved_and_more_are_refused(rng):

@@ -201,14 +201,6 @@ def test_a_joint_without_acceleration_limit_has_the_joint_box():
         np.testing.assert_allclose((lower, upper), limits.box.at(np.array(q)), rtol=1e-12, atol=1e-9)
 
 
-def test_loops_do_not_share_memory():
-    robot = iq.load_robot("panda")
-    loop, q = iq.Controller(robot, dt=0.002), np.array([0.0, -0.1, 0.0, -1.57, 0.0, 1.8, 0.8])
-    solution = loop.step(q, robot.pose(q))
-    solution.velocity[:] = 99.0
-    assert (np.abs(loop.step(q, robot.pose(q)).velocity) <= robot.velocity_limit).all()
-
-
 @pytest.mark.parametrize("speed", [1.0, 1e-4, 1e-7])
 def test_active_bounds_do_not_depend_on_the_speed(speed):
     rng = np.random.default_rng(9)

@@ -135,27 +135,9 @@ def test_further_rows_are_counted():
 
 
 def test_reasons_of_the_engine_are_decoded():
-    numbers = [
-        Code.AT_LIMITS,
-        2,
-        3,
-        0,
-        1,
-        4,
-        -1,
-        2,
-        0,
-        Code.EXACT_ROWS_VIOLATED,
-        0,
-        1,
-        1,
-        -4,
-        0.25,
-        Code.NO_PROGRESS,
-        0,
-        0,
-        0,
-    ]
+    numbers = [Code.AT_LIMITS, 2, 3, 0, 1, 4, -1, 2, 0]
+    numbers += [Code.EXACT_ROWS_VIOLATED, 0, 1, 1, -4, 0.25]
+    numbers += [Code.NO_PROGRESS, 0, 0, 0]
     found = reasons.decoded(array("d", numbers).tobytes(), ("wall", "", ""))
     assert found == (
         Reason(Code.AT_LIMITS, (1, 4), ("the tool's speed", "row 2", "wall")),
@@ -185,6 +167,8 @@ def test_copies_of_a_solution_have_its_reasons(copied, why):
     assert found == solution(DECODED, row_names=names)
     assert hash(found) == hash(solution(DECODED, row_names=names))
     assert found != solution(DECODED[:1], row_names=names)
+    assert not found != solution(DECODED, row_names=names)  # noqa: SIM202 (a tuple has a != of its own)
+    assert found != tuple(found)
     assert "APPROACH_SCALED" in repr(found)
 
 

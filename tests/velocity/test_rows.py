@@ -160,25 +160,6 @@ def test_the_scaling_of_a_row_changes_nothing():
     assert contrary > 10
 
 
-@pytest.mark.parametrize("needed", [2.5, 5.0], ids=["possible", "too much"])
-def test_the_unit_of_length_changes_nothing(needed):
-    """A turn and a slide that are to make a sum of speeds, in metres and in millimetres."""
-    answers = []
-    for unit in (1.0, 1e3):
-        hinge = np.concatenate(([0.0, 1.0, 0.0], np.cross([0.3 * unit, 0.0, 0.0], [0.0, 1.0, 0.0])))
-        home = np.eye(4)
-        home[:3, 3] = [0.5 * unit, 0.0, 0.1 * unit]
-        twists = np.column_stack(([0.0, 0.0, 1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 1.0, 0.0], hinge))
-        arm = iq.robots.Chain(twists, home, velocity_limit=[2.0, 2.0 * unit, 2.0])
-        rows = iq.limits.LimitRows([[1.0, 1.0 / unit, 0.0]], [needed], [np.inf])
-        solution = iq.Controller(arm, dt=0.01, rows=rows, posture=False).step(np.zeros(3), arm.pose(np.zeros(3)))
-        answers.append((solution, solution.velocity / [1.0, unit, 1.0]))
-    (one, x), (other, y) = answers
-    assert (one.status, one.reason) == (other.status, other.reason)
-    assert ("conflict" in one.reason) == (needed > 4.0)
-    np.testing.assert_allclose(y, x, rtol=1e-9, atol=1e-9)
-
-
 def test_rows_that_conflict_with_each_other():
     J, s, h = regular_problem(np.random.default_rng(21), 4)
     rows = iq.limits.LimitRows([[1.0, 1.0, 0.0, 0.0], [1.0, 1.0, 0.0, 0.0]], [1.0, -np.inf], [np.inf, 0.0])

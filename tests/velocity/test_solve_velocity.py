@@ -1,8 +1,5 @@
 """One tick: the twist met, or missed by least squares at a point, inside the limits, with the reason for it."""
 
-import copy
-import pickle
-
 import numpy as np
 import pytest
 from support.velocity_reference import damped_velocity, reach_of, regular_problem, root_of
@@ -245,20 +242,6 @@ def test_a_zero_twist_and_a_zero_jacobian():
     assert nothing.status == "limited"  # a twist is asked for that no joint can do anything about
 
 
-def test_a_solution_is_a_value():
-    J, s = np.random.default_rng(6).normal(size=(6, 4)), np.ones(6)
-    bounds = (np.full(4, -0.1), np.full(4, 0.1))
-    one, same = (iq.solve_velocity(J, s, bounds=bounds) for _ in range(2))
-    assert one == same
-    assert not one != same  # noqa: SIM202 (a tuple has a != of its own)
-    assert hash(one) == hash(same)
-    assert len({one, same}) == 1
-    assert one != iq.solve_velocity(J, 2.0 * s, bounds=bounds)
-    assert one != tuple(one)
-    for twin in (pickle.loads(pickle.dumps(one)), copy.deepcopy(one)):
-        assert twin == one
-
-
 VALUES = [
     iq.PitchForm(0.3),
     iq.Complement(np.eye(6)[:, :2]),
@@ -274,20 +257,6 @@ VALUES = [
 ]
 
 
-@pytest.mark.parametrize("value", VALUES, ids=lambda v: type(v).__name__)
-def test_arguments_of_the_law_are_immutable_values(value):
-    twin = pickle.loads(pickle.dumps(value))
-    assert twin == value
-    assert hash(twin) == hash(value)
-    assert copy.deepcopy(value) == value
-    assert repr(value).startswith(type(value).__name__ + "(")
-    assert sum(value == other for other in VALUES) == 1
-    for a in vars(value).values():
-        assert not isinstance(a, np.ndarray) or not a.flags.writeable
-    with pytest.raises(AttributeError):
-        setattr(value, next(iter(vars(value))), 0.0)
-
-
 NAN = np.full(6, np.nan)
 J6 = np.random.default_rng(0).normal(size=(6, 6))
 ONE = np.ones(6)
@@ -298,8 +267,6 @@ BAD = {
     "form bool": lambda: iq.solve_velocity(J6, ONE, form=True),
     "damping negative": lambda: iq.solve_velocity(J6, ONE, damping=-1.0),
     "damping policy": lambda: iq.solve_velocity(J6, ONE, damping=iq.Guard(0.5)),
-    "many joints": lambda: iq.solve_velocity(np.ones((6, 65)), ONE),
-    "many rows": lambda: iq.solve_velocity(J6, ONE, rows=iq.limits.LimitRows(np.ones((257, 6)), [0] * 257, [1] * 257)),
     "bounds type": lambda: iq.solve_velocity(J6, ONE, bounds=(-ONE, ONE, ONE)),
     "bounds crossed": lambda: iq.solve_velocity(J6, ONE, bounds=(ONE, -ONE)),
     "bounds length": lambda: iq.solve_velocity(J6, ONE, bounds=iq.Bounds([-1.0], [1.0])),

@@ -10,7 +10,7 @@ from support.arms import ready
 from support.loops import drive
 
 import invariantqp as iq
-from invariantqp.limits import Clearance, OtherArm, Sphere
+from invariantqp.limits import Clearance, Limit, OtherArm, Sphere
 
 pytest.importorskip("coal")
 SLACK = 1e-3  # of the distance that they have, for noise [m]
@@ -34,6 +34,7 @@ def begun(limit, name, dt, acceleration, **options):
     return iq.Controller(limit.robot, dt=dt, acceleration_limit=acceleration, exact=exact, limits=[limit], **options)
 
 
+@pytest.mark.cases(8)
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize(("name", "dt", "acceleration"), CASES)
 @pytest.mark.parametrize("noise", [0.0, 1e-4])
@@ -164,3 +165,49 @@ def test_a_wrap_of_another_arms_encoder_is_no_motion(turn):
         arm.move(at - 2.0 * np.pi * turn * (k % 8 > 3) * np.eye(7)[2])
         q = q + 0.01 * loop.step(q, robot.pose(start)).velocity
     assert np.abs(q - start).max() < 1e-6
+
+
+class Own(Limit):
+    """A limit of the user's that contains a clearance."""
+
+    def __init__(self, clearance):
+        self.clearance = clearance
+
+    def for_loop(self, loop):
+        self.inner = self.clearance.for_loop(loop)
+        return self
+
+    def begin(self, q):
+        self.inner.begin(q)
+
+    def rows(self, q, velocity):
+        return self.inner.rows(q, velocity)
+
+    def after(self, q, velocity):
+        return self.inner.after(q, velocity)
+
+    def violation(self):
+        return self.inner.violation()
+
+
+@pytest.mark.filterwarnings("ignore:clearance. nearer than")
+@pytest.mark.parametrize("acceleration", [None, 10.0])
+def test_a_limit_of_the_users_may_contain_a_clearance(acceleration):
+    """It begins too near, and then the ball moves: how fast is estimated, in `begin`."""
+    robot, q, runs = iq.load_robot("ur5"), ready("ur5"), []
+    for kind in (Own, lambda clearance: clearance):
+        ball = beside_the_tool(robot, q, 1.0)
+        limits = [kind(Clearance(robot, None, [ball]))]
+        loop, x = iq.Controller(robot, dt=0.01, acceleration_limit=acceleration, limits=limits), [np.zeros(6)]
+        said = []
+        for k in range(60):
+            ball.move(iq.transform(translation=[-0.002 * max(0, k - 30), 0.0, 0.0]))
+            answer = loop.step(q + 0.01 * np.sum(x, axis=0), robot.pose(q))
+            x.append(answer.velocity)
+            said.append((answer.status, "are nearer than" in answer.reason))
+        runs.append((x, said))
+    (own, said), (bare, expected) = runs
+    assert np.abs(bare).max() > 0.05
+    np.testing.assert_allclose(own, bare, atol=1e-9)
+    assert said == expected
+    assert said[0] == ("limited", True)
