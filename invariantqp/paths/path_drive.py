@@ -36,7 +36,7 @@ SEARCH_RATE = 1500.0
 STUCK_TIME, STUCK_SHARE = 1.0, 0.1
 # Tolerance of the place where a path is blocked, as a share of the path: there an arm moves much for little. Otherwise
 # it is the shortest step.
-BLOCKED_TOLERANCE = 2e-5
+BLOCKED_TOLERANCE = 2.0 * PATH_TOLERANCE
 # A tool farther off its path than this share of the measure's length has been pushed.
 PUSHED_TOOL = 0.02
 # The ruling of a tick where it is not a limit.
