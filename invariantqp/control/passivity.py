@@ -51,8 +51,6 @@ LONGEST_DELAY = 0.25
 MOTION_RATIO = 0.5, 1.2
 # A delay is accepted if its residual is below this share of the motion's square, and of the declared delay's residual.
 UNEXPLAINED = 0.1
-# Ticks since the first command that an estimate needs, beyond twice the delay.
-MORE_TICKS = 10
 
 
 @frozen(eq=False, slots=False)
@@ -317,7 +315,7 @@ class DelayEstimate:
         residual = total - ratio * (2.0 * self._products - ratio * self._squares)
         best, declared = int(np.argmin(residual)), self._declared
         threshold = UNEXPLAINED * min(total, float(residual[declared])) - ROUNDING * total
-        is_later = residual[best] < threshold and best > declared and self._ticks > 2 * best + MORE_TICKS
+        is_later = residual[best] < threshold and best > declared and self._ticks > 2 * best
         return (best - declared) * self._dt if is_later else 0.0
 
 

@@ -30,8 +30,9 @@ PoseAt = Callable[[float], Array]
 SizeAt = Callable[[Array, Array], float]
 DisplacementTo = Callable[[Array, Array], Array]
 
-# Tolerance of the curve of a function relative to the measure's length: a micrometre for a metre. It has so many
-# intervals at least, halved until that is met or they are this share of the path, within which a corner is rounded.
+# Tolerance of the curve of a function, and of the joint path at a knot, relative to the measure's length: a micrometre
+# for a metre. The curve has so many intervals at least, halved until that is met or they are this share of the path,
+# within which a corner is rounded.
 CURVE_TOLERANCE, MIN_INTERVALS = 1e-6, 128
 # Tangents of a function are differences over this share of its range: rounding and truncation errors are about equal.
 DIFFERENCE_SHARE = 1e-4
