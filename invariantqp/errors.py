@@ -54,8 +54,8 @@ def in_thousandths(x: float, digits: int = 4) -> str:
 
 
 def millimetres(length: float) -> str:
-    """A length in m as text in mm."""
-    return f"{1e3 * length:.1f} mm"
+    """A length in m as text in mm, without the unit."""
+    return f"{1e3 * length:.1f}"
 
 
 def in_percent(share: float, digits: int = 4) -> str:

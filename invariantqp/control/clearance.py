@@ -80,7 +80,7 @@ class Near(NamedTuple):
     distance: float  # [length], negative inside; inf without a pair
 
     def __str__(self) -> str:
-        far = f", {millimetres(self.distance)}" if self.distance < inf else ""
+        far = f", {millimetres(self.distance)} mm" if self.distance < inf else ""
         return f"{self.first} and {self.second}{far}"
 
 
@@ -242,7 +242,7 @@ class Clearance(Limit):
     @property
     def dropped(self) -> tuple[Dropped, ...]:
         """The pairs of bodies that are not checked, each with its reason; with obstacles at their present poses."""
-        reason = f"always nearer than {millimetres(self.distance)}"
+        reason = f"always nearer than {millimetres(self.distance)} mm"
         off = dict.fromkeys(self._body_pairs[k] for k in self._updated(self._engine).always_near())
         return (*self._dropped, *(Dropped(first, second, reason) for first, second in off))
 
@@ -296,7 +296,7 @@ class Clearance(Limit):
         if near := {pair: d for pair, d in self.distances(q).items() if d < self._engine.threshold}:
             listed = "; ".join(str(Near(*pair, d)) for pair, d in near.items())
             warnings.warn(
-                f"clearance: nearer than {millimetres(self.distance)} when the loop begins: {listed}. They are kept "
+                f"clearance: nearer than {millimetres(self.distance)} mm when the loop begins: {listed}. They are kept "
                 "from coming nearer, and the arm does not move to part them. If they may be near each other, leave "
                 f"them out: exclude={list(near)}",
                 UserWarning,
@@ -340,7 +340,7 @@ class Clearance(Limit):
     def too_near(self, pair: int, distance: float) -> str:
         """The message that a pair is nearer than the distance."""
         first, second, _ = self._near(pair, distance)
-        return f"{first} and {second} are nearer than {millimetres(self.distance)}"
+        return f"{first} and {second} are nearer than {millimetres(self.distance)} mm"
 
     def at(self, q: ArrayLike) -> Near:
         """The nearest two bodies and their distance at joint positions q (m,).
