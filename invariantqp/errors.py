@@ -48,6 +48,21 @@ def written(x: float, digits: int = 4) -> str:
     return f"{0.0 if abs(x) < WRITTEN_ZERO else x:.{digits}g}"
 
 
+def in_thousandths(x: float, digits: int = 4) -> str:
+    """A length or a time in thousandths of its unit, mm or ms, as text."""
+    return written(1e3 * x, digits)
+
+
+def millimetres(length: float) -> str:
+    """A length in m as text in mm, without the unit."""
+    return f"{1e3 * length:.1f}"
+
+
+def in_percent(share: float, digits: int = 4) -> str:
+    """A share in per cent as text, without the sign."""
+    return written(100.0 * share, digits)
+
+
 def listed(numbers: Iterable[float], digits: int = 4) -> str:
     """Numbers as text, separated by commas."""
     return ", ".join(written(x, digits) for x in numbers)

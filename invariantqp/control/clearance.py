@@ -61,7 +61,7 @@ from invariantqp.control.limits import EngineLimit, Limit, Loop
 from invariantqp.control.loop_limits import box_of
 from invariantqp.control.tracking import TRACKING_SHARE
 from invariantqp.engine import law
-from invariantqp.errors import BadInput, excerpt
+from invariantqp.errors import BadInput, excerpt, millimetres
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.distance import CollisionObject
@@ -80,7 +80,7 @@ class Near(NamedTuple):
     distance: float  # [length], negative inside; inf without a pair
 
     def __str__(self) -> str:
-        far = f", {1e3 * self.distance:.1f} mm" if self.distance < inf else ""
+        far = f", {millimetres(self.distance)} mm" if self.distance < inf else ""
         return f"{self.first} and {self.second}{far}"
 
 
@@ -242,7 +242,7 @@ class Clearance(Limit):
     @property
     def dropped(self) -> tuple[Dropped, ...]:
         """The pairs of bodies that are not checked, each with its reason; with obstacles at their present poses."""
-        reason = f"always nearer than {1e3 * self.distance:.1f} mm"
+        reason = f"always nearer than {millimetres(self.distance)} mm"
         off = dict.fromkeys(self._body_pairs[k] for k in self._updated(self._engine).always_near())
         return (*self._dropped, *(Dropped(first, second, reason) for first, second in off))
 
@@ -296,7 +296,7 @@ class Clearance(Limit):
         if near := {pair: d for pair, d in self.distances(q).items() if d < self._engine.threshold}:
             listed = "; ".join(str(Near(*pair, d)) for pair, d in near.items())
             warnings.warn(
-                f"clearance: nearer than {1e3 * self.distance:.1f} mm when the loop begins: {listed}. They are kept "
+                f"clearance: nearer than {millimetres(self.distance)} mm when the loop begins: {listed}. They are kept "
                 "from coming nearer, and the arm does not move to part them. If they may be near each other, leave "
                 f"them out: exclude={list(near)}",
                 UserWarning,
@@ -340,7 +340,7 @@ class Clearance(Limit):
     def too_near(self, pair: int, distance: float) -> str:
         """The message that a pair is nearer than the distance."""
         first, second, _ = self._near(pair, distance)
-        return f"{first} and {second} are nearer than {1e3 * self.distance:.1f} mm"
+        return f"{first} and {second} are nearer than {millimetres(self.distance)} mm"
 
     def violation(self) -> str:
         """Which bodies were too near at the last call of `rows`, "" if none."""

@@ -27,7 +27,7 @@ from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.control.tracking import ticks_of_delay
-from invariantqp.errors import BadInput, written
+from invariantqp.errors import BadInput, in_percent, in_thousandths, written
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import ROUNDING, Array
 from invariantqp.geometry.fields import Compared
@@ -51,8 +51,6 @@ LONGEST_DELAY = 0.25
 MOTION_RATIO = 0.5, 1.2
 # A delay is accepted if its residual is below this share of the motion's square, and of the declared delay's residual.
 UNEXPLAINED = 0.1
-# Ticks since the first command that an estimate needs, beyond twice the delay.
-MORE_TICKS = 10
 
 
 @frozen(eq=False, slots=False)
@@ -203,7 +201,7 @@ class LinkEnd:
         """Status and reason of a tick that requests a power, with an energy overdrawn by `excess`."""
         reasons = []
         if self._pending.extra_delay > LATE_TICKS * self.dt:
-            late = written(1e3 * self._pending.extra_delay, 3)
+            late = in_thousandths(self._pending.extra_delay, 3)
             delay = written(self._delay + self._pending.extra_delay, 3)
             reasons.append(f"the robot follows {late} ms later than declared: set delay={delay} and a stiffness")
         if self._pending.stiffness > self._stiffness:
@@ -216,7 +214,7 @@ class LinkEnd:
         status = Status.DEGRADED if reasons else Status.OK if self._share == 1.0 else Status.SCALED
         if self._share < 1.0:
             why = "would generate energy" if power > 0.0 else "would exceed the impact energy of a contact ahead"
-            reasons.append(f"the link {why}: {written(100.0 * self._share, 3)} % of the {self.passes} passed on")
+            reasons.append(f"the link {why}: {in_percent(self._share, 3)} % of the {self.passes} passed on")
         return status, "; ".join(reasons)
 
     def _outdated(self, age: float) -> str:
@@ -317,7 +315,7 @@ class DelayEstimate:
         residual = total - ratio * (2.0 * self._products - ratio * self._squares)
         best, declared = int(np.argmin(residual)), self._declared
         threshold = UNEXPLAINED * min(total, float(residual[declared])) - ROUNDING * total
-        is_later = residual[best] < threshold and best > declared and self._ticks > 2 * best + MORE_TICKS
+        is_later = residual[best] < threshold and best > declared and self._ticks > 2 * best
         return (best - declared) * self._dt if is_later else 0.0
 
 

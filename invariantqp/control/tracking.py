@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import warnings
 from math import pi, sqrt
+from sys import float_info
 
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput
+from invariantqp.errors import BadInput, in_percent
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import norm
@@ -29,7 +30,7 @@ DELAY_SHARE = 0.25
 # Longest delay in ticks; a longer one is probably in milliseconds.
 MOST_DELAY_TICKS = 10_000
 # Twists above this have no finite square [rad/s; length/s].
-LARGEST_TWIST = 1e154
+LARGEST_TWIST = sqrt(float_info.max)
 # Rotation errors above this [rad] keep the direction of the tick before.
 NEAR_HALF_TURN = 0.8 * pi
 
@@ -54,8 +55,8 @@ def warn_of_gain(gain: float, dt: float) -> None:
     if gain * LONG_TIME > 1.0 or dt > SHORT_TICK:
         return
     warnings.warn(
-        f"gain={gain:g} is {gain:g} 1/s here: a tick of {dt:g} s closes {100.0 * gain * dt:.2g} % of the error. Pink's "
-        f"gain={gain:g} closes {100.0 * gain:g} % of it in a tick: that is gain={gain / dt:g} here (gain/dt)",
+        f"gain={gain:g} is {gain:g} 1/s here: a tick of {dt:g} s closes {in_percent(gain * dt, 2)} % of the error. "
+        f"Pink's gain={gain:g} closes {in_percent(gain)} % of it in a tick: that is gain={gain / dt:g} here (gain/dt)",
         UserWarning,
         stacklevel=3,
     )

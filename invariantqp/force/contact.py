@@ -43,7 +43,7 @@ SLOPE = 0.1
 # hinge would lower the gain of the forces, too.
 GRIP_SIZES = 2.0
 # A press below zero by less than this share of a wrench is rounding.
-ROUNDING = 1e-9
+ROUNDING = arrays.NEGLIGIBLE
 # The compliance of a grip is that of a place within this share of the contact's size.
 GRIP_TOLERANCE = 0.2
 

@@ -108,16 +108,20 @@ def _independent(columns: ArrayLike, argument: str) -> Array:
     return a
 
 
+def _columns(names: str) -> Array:
+    """(6, k) unit twists or wrenches of coordinates, named as for `_kind`."""
+    coordinates = ("rx", "ry", "rz", "x", "y", "z")
+    return np.eye(6)[:, [coordinates.index(name.replace("m", "r")) for name in names.split()]]
+
+
 def _kind(name: str, freedoms: str, constraints: str) -> ContactKind:
     """A kind from coordinate names: rx for a turn about x, mx for a moment, x for a slide or a force.
 
     It has a press if the first constraint is along z; the outward twist is against z, if z is pressed or free.
     """
-    names = {"rx": 0, "ry": 1, "rz": 2, "mx": 0, "my": 1, "mz": 2, "x": 3, "y": 4, "z": 5}
-    E = np.eye(6)
-    S, W = (E[:, [names[n] for n in text.split()]] for text in (freedoms, constraints))
+    S, W = _columns(freedoms), _columns(constraints)
     presses = int(constraints.startswith("z"))
-    return ContactKind(name, S, W, presses, -E[5] if presses or "z" in freedoms.split() else None)
+    return ContactKind(name, S, W, presses, -_columns("z")[:, 0] if presses or "z" in freedoms.split() else None)
 
 
 POINT = _kind("point", "rx ry rz x y", "z")
@@ -131,14 +135,13 @@ BALL = _kind("ball", "rx ry rz", "x y z")
 PEG = _kind("peg", "rz z", "x y mx my")
 
 
-@lru_cache(maxsize=16)
+@lru_cache
 def screw_kind(pitch: float) -> ContactKind:
     """A screw of a pitch [length/rad] about z; inf is a slide."""
-    E = np.eye(6)
-    W = E[:, [3, 4, 0, 1, 5]].copy()
+    W = _columns("x y mx my z")
     W[2, 4] = -pitch  # m + pitch f = 0 along the axis
     if isinf(pitch):
-        W[:, 4] = E[2]
+        W[:, -1:] = _columns("mz")
     name = "slide" if isinf(pitch) else "screw" if pitch else "hinge"
     return ContactKind(name, helical([0.0, 0.0, 1.0], pitch=pitch), W)
 

@@ -34,8 +34,6 @@ from invariantqp.robots.kinematics import Robot, middle, require_robot
 from invariantqp.velocity.measure import length_at
 from invariantqp.velocity.solution import Status, VelocitySolution, has_no_motion
 
-# The longest dead time of commands.
-MAX_DELAY_TICKS = 10_000
 # The tool pose of a contact that does not depend on it.
 NO_TOOL = np.eye(4)
 # In the engine's order.
@@ -152,8 +150,6 @@ class HybridController:
         self.force_first = arrays.flag(force_first, "force_first")
         self.order = order_of(order)
         self._order = self.order if sensor is None else sensor.order
-        if self.loop.delay > MAX_DELAY_TICKS * self.loop.dt:
-            raise BadInput("delay", f"{self.loop.delay:g} s", f"a dead time of at most {MAX_DELAY_TICKS} ticks")
         self.splits = SplitCache(task, contact.kind)
         cutoff = inf if sensor is None else sensor.cutoff
         fault_retreats = task.on_overload == "retreat" or (task.on_overload is None and contact.kind.out is not None)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import degrees, inf
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from invariantqp.errors import written
+from invariantqp.errors import in_percent, in_thousandths, written
 from invariantqp.velocity.solution import Status
 
 if TYPE_CHECKING:
@@ -105,13 +105,13 @@ def _press_warnings(report: Report, state: Any, sensor: WrenchSensor | None, con
     if flags & OSCILLATES:
         found.append(
             f"the press oscillates about {written(state.desired, 3)} N with a delay of "
-            f"{written(1e3 * report.delay, 2)} ms in all; the force gain is lowered to {written(state.gain_scale, 2)}"
+            f"{in_thousandths(report.delay, 2)} ms in all; the force gain is lowered to {written(state.gain_scale, 2)}"
         )
     if flags & NOT_REACHED:
         found.append(
             f"the force is not reached: {written(state.mean, 3)} of {written(state.desired, 3)} N {off}"
             if contact.kind.presses
-            else f"force or moment is not reached: {written(100.0 * state.mean, 2)} % of an overload off {off}"
+            else f"force or moment is not reached: {in_percent(state.mean, 2)} % of an overload off {off}"
         )
     if flags & UNLOADING:
         found.append("the readings contradict the displacement: unloading to see whether they fall")
@@ -136,7 +136,7 @@ def _motion_warnings(
     found, noise = list[str](), 0.0 if sensor is None else sensor.noise
     if 0.0 < report.motion_gain < loop.gain:
         found.append(
-            f"commands act {written(1e3 * (whole.law.lag - loop.delay), 3)} ms later than declared: give delay=, the "
+            f"commands act {in_thousandths(whole.law.lag - loop.delay, 3)} ms later than declared: give delay=, the "
             f"motion's gain is {written(report.motion_gain, 3)} instead of {written(loop.gain, 3)} 1/s"
         )
     if report.gain_scale < 1.0:
@@ -147,7 +147,7 @@ def _motion_warnings(
     if report.unreachable > 0.0:
         found.append(
             f"{len(loop.robot.names)} joints cannot move the tool along this contact ({contact.name}): "
-            f"{written(100.0 * report.unreachable, 2)} % of the motion presses"
+            f"{in_percent(report.unreachable, 2)} % of the motion presses"
         )
     if whole.normal_bound > 0.0:
         found.append(

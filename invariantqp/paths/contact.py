@@ -187,7 +187,7 @@ class PathInContact:
         place = min(max(self._place - float(ahead.dot(error)) / squares, 0.0), plan.end)
         off = float(np.linalg.norm(error - (self._place - place) * ahead))
         joint_error = joint_displacement(q, plan.joints(place), loop.turns)
-        if float(joint_error.dot(joint_error)) <= 0.25 * JOINT_TOLERANCE * JOINT_TOLERANCE:
+        if float(joint_error.dot(joint_error)) <= (0.5 * JOINT_TOLERANCE) ** 2:
             return ToolOnPath(place, off, displaced, 0.0, joint_error)
         _, sigma, Vt = np.linalg.svd(task.root.dot(task.state.J), full_matrices=False)
         moving = Vt[sigma > SLOW_SHARE * sigma[0]]  # joint motions that move the tool

@@ -13,7 +13,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import pairwise
-from math import sqrt
+from math import factorial, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,8 +30,9 @@ PoseAt = Callable[[float], Array]
 SizeAt = Callable[[Array, Array], float]
 DisplacementTo = Callable[[Array, Array], Array]
 
-# Tolerance of the curve of a function relative to the measure's length: a micrometre for a metre. It has so many
-# intervals at least, halved until that is met or they are this share of the path, within which a corner is rounded.
+# Tolerance of the curve of a function, and of the joint path at a knot, relative to the measure's length: a micrometre
+# for a metre. The curve has so many intervals at least, halved until that is met or they are this share of the path,
+# within which a corner is rounded.
 CURVE_TOLERANCE, MIN_INTERVALS = 1e-6, 128
 # Tangents of a function are differences over this share of its range: rounding and truncation errors are about equal.
 DIFFERENCE_SHARE = 1e-4
@@ -80,10 +81,11 @@ class Curve(NamedTuple):
         h = self.knots[i + 1] - self.knots[i]
         u = (at - self.knots[i]) / h
         (there, rate) = np.array(((u, u * u, u * u * u), (1.0 / h, 2.0 * u / h, 3.0 * u * u / h))).dot(self.cubics[i])
-        # The derivative of exp: the sum of ad^k / (k + 1)!, of which a piece needs no more.
-        once = se3.bracket(there, rate, check=False)
-        twice = se3.bracket(there, once, check=False)
-        tangent: Array = rate + 0.5 * once + twice / 6.0 + se3.bracket(there, twice, check=False) / 24.0
+        power: Array = rate
+        tangent: Array = rate
+        for k in (2, 3, 4):  # the derivative of exp: the sum of ad^k / (k + 1)!, of which a piece needs no more
+            power = se3.bracket(there, power, check=False)
+            tangent = tangent + power / factorial(k)
         return tangent
 
 

@@ -26,7 +26,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.interpolate import BSpline, CubicSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.paths.joint_limits import JointLimits
 from invariantqp.paths.reference import Motion
 
@@ -34,8 +34,6 @@ from invariantqp.paths.reference import Motion
 STEPS, GAP_SHARE = 60, 1e-2
 # The first step's duality gap as a share of the time, and its least slack as a share of the limit.
 START_GAP = 0.1
-# Relative regularisation of a step's equations.
-REGULARISATION = 1e-9
 
 
 def least_time(
@@ -68,7 +66,8 @@ def least_time(
     for k in range(STEPS):
         h, v = np.diff(times), motion(times, 1)
         fast, a, _ = derivatives = _derivatives(times, motion, v)
-        utilisation = [float((np.abs(x) / y).max()) for x, y in zip(derivatives, limits[2:5], strict=True)]
+        bounds = limits.velocity, limits.acceleration, limits.jerk
+        utilisation = [float((np.abs(x) / y).max()) for x, y in zip(derivatives, bounds, strict=True)]
         slowdown = max(utilisation[0], utilisation[1] ** 0.5, utilisation[2] ** (1.0 / 3.0), 1.0)
         if slowdown * times[-1] < least:  # the motion so much slower is inside the limits
             kept, least = (slowdown, times, motion), slowdown * float(times[-1])
@@ -149,7 +148,7 @@ class _Step:
         H = (slope * self._weight[:, None]) @ slope.transpose(0, 2, 1)
         H += 0.75 * h[:, None, None] * middle[:, :, None] * middle[:, None]
         bands = np.zeros((3, len(h)))  # upper form
-        bands[2] = (1.0 + REGULARISATION) * _summed(np.diagonal(H, axis1=1, axis2=2))
+        bands[2] = (1.0 + NEGLIGIBLE) * _summed(np.diagonal(H, axis1=1, axis2=2))
         bands[1, 1:] = H[1:, 0, 1] + H[:-1, 1, 2]
         bands[0, 2:] = H[1:-1, 0, 2]
         self._factor = cholesky_banded(bands), False

@@ -15,10 +15,9 @@ import numpy as np
 from invariantqp.engine import law
 from invariantqp.geometry.arrays import Array
 
-# Tolerance of joint positions at a limit, or at their goal [rad, length].
-AT_LIMIT = 1e-6
-# A speed below this share of its limit, or of the largest on the way, is rest.
-AT_REST = 1e-6
+# Tolerance of joint positions at a limit, or at their goal [rad, length]; and the share of its limit, or of the largest
+# on the way, below which a speed is rest.
+AT_LIMIT = AT_REST = 1e-6
 
 
 def speed_scale(limit: Array) -> Array:

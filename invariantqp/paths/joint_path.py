@@ -34,7 +34,7 @@ import numpy as np
 from invariantqp.control.controller import Controller
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.paths.curve import Curve
+from invariantqp.paths.curve import CURVE_TOLERANCE, Curve
 from invariantqp.paths.joint_limits import AT_LIMIT, speed_scale
 from invariantqp.paths.task_error import TaskError, task_error
 from invariantqp.paths.waypoints import POSE_TOLERANCE
@@ -42,33 +42,29 @@ from invariantqp.paths.waypoints import POSE_TOLERANCE
 # The damping above, and its share where the path may be left and for the rest of the twist beside exact rows: an arm
 # that stretches out goes on smoothly and bends again in time.
 LEAST_DAMPING, OFF_PATH_DAMPING, EXACT_DAMPING = 2e-3, 0.05, 0.5
+# The weight of the rest of a twist beside exact rows.
+SECONDARY_WEIGHT = OFF_PATH_DAMPING
 # Where a path may be left, an arm nearer a singularity than this is not corrected: small errors would take large joint
 # motion.
 SINGULAR_RATIO = 1e-2
 # The share of the path over which the distance falls to 1/e on the way back.
 REJOIN_SHARE = 0.02
-# The weight of the rest of a twist beside exact rows.
-SECONDARY_WEIGHT = 0.05
 # The share of the path over which a tool with exact demands moves to the least error beside them.
 SECONDARY_SHARE = 0.1
-# Tolerance of the error at a knot relative to the measure's length, and of the change of the slope; and the share of a
-# step ahead at which the slope is probed.
-RELATIVE_ERROR, PROBE_SHARE = 1e-6, 1e-3
+# The share of a step ahead at which the slope is probed.
+PROBE_SHARE = 1e-3
 # Corrections at a knot at most.
 MAX_CORRECTIONS = 8
 # Tolerance of the distance to the path, its start and its end, relative to the measure's length: ten micrometres for a
 # metre.
 PATH_TOLERANCE = 1e-5
-# Steps of a path at least, and the shortest one as a share of it.
-MIN_STEPS = 200
-MIN_STEP = 1e-6
-# Tolerance of the slope's extrapolation over a step, as a share of the slope.
-SLOPE_TOLERANCE = 0.005
+# Steps of a path at least, and the shortest one as a share of it. The slope's extrapolation over a step is within the
+# share of a longest one.
+MIN_STEPS, MIN_STEP = 200, CURVE_TOLERANCE
+SLOPE_TOLERANCE = 1.0 / MIN_STEPS
 # A slope that changes by more than this share at once, this near a singularity, leads to another branch, which no arm
 # can take in motion.
 KINK_SHARE, BRANCH_RATIO = 0.2, 1e-4
-# Where the path is left the joint motion itself is followed, and a longer shortest step suffices.
-MIN_STEP_OFF_PATH = 1e-4
 # A step within this share of SLOPE_TOLERANCE is followed by a longer one.
 LENGTHEN_BELOW = 0.2
 # Knots of a joint motion at most.
@@ -149,7 +145,7 @@ class JointPath:
     def _end(self) -> float:
         """Where the knots end: with the path, or later if the arm is off it there and returns to its end."""
         last, end = self.knots[-1], self.curve.end
-        away = self._returning and last.at >= end and last.off > RELATIVE_ERROR * self._length
+        away = self._returning and last.at >= end and last.off > CURVE_TOLERANCE * self._length
         return end + RETURN_SHARE * self._scale if away else end
 
     def extend(self) -> None:
@@ -179,7 +175,8 @@ class JointPath:
         changed = float((np.abs(knot.slope - last.slope - expected) / self._speed).max())
         least = self.controller.dt / self._scale  # all of the path at full speed in a tick: the resolution
         share = changed / max(float((np.abs(knot.slope) / self._speed).max()), least)
-        shortest = MIN_STEP_OFF_PATH if min(last.off, knot.off) > self._reachable else MIN_STEP
+        # Where the path is left the joint motion itself is followed, and a longer shortest step suffices.
+        shortest = POSE_TOLERANCE if min(last.off, knot.off) > self._reachable else MIN_STEP
         if share > SLOPE_TOLERANCE and h > shortest * self._scale:
             self._step = 0.5 * h
             return
@@ -227,7 +224,7 @@ class JointPath:
         q, task, size = self._corrected(
             q,
             self.curve.target(robot, at),
-            POSE_TOLERANCE if before is None or before.off <= RELATIVE_ERROR * self._length else RELATIVE_ERROR,
+            POSE_TOLERANCE if before is None or before.off <= CURVE_TOLERANCE * self._length else CURVE_TOLERANCE,
         )
         root, part, error = task.root, task.part, task.error
         tangent = self.curve.tangent(at)
@@ -239,7 +236,7 @@ class JointPath:
         speed = root.dot(self.curve.tangent(at))
         slope = self._slope(q, task, tangent, step, self._posture(q, ahead, sqrt(float(speed.dot(speed)))))
         unmet = root.dot(error)
-        if self._stops and not self._exact and sqrt(float(unmet.dot(unmet))) > RELATIVE_ERROR * self._length:
+        if self._stops and not self._exact and sqrt(float(unmet.dot(unmet))) > CURVE_TOLERANCE * self._length:
             slope = self._curved(at, q, slope, self._slope(q, task, error, 1.0, None))
         return Knot(at, q, slope, size, _ratio(task))
 
@@ -281,7 +278,7 @@ class JointPath:
             task = task_error(self.controller, there, target)
             change = (self._slope(there, task, task.error, 1.0, None) - here) / ahead
             slope = slope + change
-            if float(np.abs(change).max()) <= RELATIVE_ERROR * float(np.abs(slope).max()):
+            if float(np.abs(change).max()) <= CURVE_TOLERANCE * float(np.abs(slope).max()):
                 break
         return slope
 

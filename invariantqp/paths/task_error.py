@@ -21,12 +21,10 @@ from invariantqp.engine import law
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.linear import TINY
 from invariantqp.robots.kinematics import RobotState
+from invariantqp.velocity.exact import ROW_TOLERANCE
 
-# Fields of the engine's tick, and its failure where a form has no projector.
-VELOCITY, MISSED, FAILURE = 0, 3, 7
+# The engine's failure where a form has no projector.
 NO_PROJECTOR = 2
-# Relative singular value below which rows of the twist are dependent.
-ROW_RATIO = 1e-10
 # The twist of a target at rest, and of an arm that is to stop.
 STILL = np.zeros(6)
 
@@ -81,10 +79,10 @@ class TaskError(NamedTuple):
             "posture": posture,
         }
         fields["exact"] = self._exact_rows(twist, met=exact)
-        found = law.tick(J, **(fields | more))
-        if found[FAILURE] == NO_PROJECTOR and controller.guard is not None:  # which leaves none of the form then
-            found = law.tick(J, **(fields | more | {"form": None}))
-        return found[VELOCITY], found[MISSED]
+        velocity, _, _, missed, _, _, _, failure, *_ = law.tick(J, **(fields | more))
+        if failure == NO_PROJECTOR and controller.guard is not None:  # which leaves none of the form then
+            velocity, _, _, missed, *_ = law.tick(J, **(fields | more | {"form": None}))
+        return velocity, missed
 
     def _exact_rows(self, twist: Array, *, met: bool) -> tuple[Array, Array, None] | None:
         """The exact rows for a twist as the engine takes them; `met` is whether those of the twist are among them."""
@@ -115,7 +113,7 @@ def task_error(controller: Controller, q: Array, target: Any) -> TaskError:
         own = ~D.any(axis=1)
         inverse = np.linalg.inv(root)
         U, sigma, Vt = np.linalg.svd(D.dot(inverse), full_matrices=False)
-        k = np.count_nonzero(sigma > ROW_RATIO * max(float(sigma[0]), TINY))
+        k = np.count_nonzero(sigma > ROW_TOLERANCE * max(float(sigma[0]), TINY))
         rows, back = Vt[:k].dot(root), inverse.dot(Vt[:k].T)
         error = error + back.dot((b - D.dot(error)).dot(U[:, :k] / sigma[:k]))
         return TaskError(state, root, rows, back.dot(rows), error, True, (A[own], b[own]) if own.any() else None)

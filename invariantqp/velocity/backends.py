@@ -16,16 +16,17 @@ import numpy as np
 
 from invariantqp.errors import BadInput, InvariantQPError, UnknownName
 from invariantqp.extras import require
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import NEGLIGIBLE, Array
+from invariantqp.geometry.sizes import LARGEST
 
 # Stands for infinity in a scaled problem.
-UNBOUNDED = 1e30
+UNBOUNDED = LARGEST
 # A larger violation of the scaled bounds is a failure.
 FEASIBILITY_TOLERANCE = 1e-7
 # Far below that, above the rounding of the active-set method for cond(H) = 1e6.
 DAQP_TOLERANCE = 1e-10
-# Settings of solvers at this tolerance, or ten times it where they reach no more; defaults leave errors up to 0.3.
-TIGHT, REACHED = DAQP_TOLERANCE, 10.0 * DAQP_TOLERANCE
+# Settings of solvers at this tolerance, or this one where they reach no more; defaults leave errors up to 0.3.
+TIGHT, REACHED = DAQP_TOLERANCE, NEGLIGIBLE
 SETTINGS: dict[str, dict[str, Any]] = {
     "osqp": {"eps_abs": REACHED, "eps_rel": REACHED, "max_iter": 100_000},
     "proxqp": {"eps_abs": TIGHT, "eps_rel": 0.0},

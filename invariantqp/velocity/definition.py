@@ -52,6 +52,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
+from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.linear import TINY
 from invariantqp.systems.system import ScrewSystem
@@ -64,8 +65,8 @@ SMOOTHING = 3e-5  # 1e-3 misses singular paths by 1.7 times as much; 0 has 4 tim
 NULL_WEIGHT = 5e-6  # at 1e-3 a posture moves the tool by 2 mm at limits; at 1e-6 a rail starts in the wrong direction
 MIN_PROGRESS = 1e-3  # at 0 and 1e-4 an xArm7 led out of reach still creeps at 0.1 rad/s after nine seconds
 SCALE_WEIGHT = 1e-4  # eps, makes p unique; at 1e-3 orientations overshoot by 1.6 times as much
-ROUNDING = 1e-9  # relative, of solutions; smaller singular values count as zero
-TERM_ROUNDING = 1e-12  # of a sum, beside its largest term
+ROUNDING = arrays.NEGLIGIBLE  # relative, of solutions; smaller singular values count as zero
+TERM_ROUNDING = arrays.ROUNDING  # of a sum, beside its largest term
 LEAST_POWER, MOST_POWER = -8.0, 6.0  # of ten: bracket of the multiplier of the tool speed limit
 
 

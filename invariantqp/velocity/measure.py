@@ -12,20 +12,15 @@ from __future__ import annotations
 import numpy as np
 
 from invariantqp.geometry.arrays import ROUNDING, Array
-from invariantqp.geometry.se3 import velocity_at
+from invariantqp.geometry.se3 import cross_matrix, velocity_at
 from invariantqp.geometry.sizes import LENGTH_LIMIT
 from invariantqp.systems.points import centre, reach
 
 
 def root_at(point: Array, length: float) -> Array:
     """(6, 6) root of diag(L^2 I, I) carried to `point` (3,): |root s|^2 = L^2 |omega|^2 + |v + omega x p|^2."""
-    x, y, z = point.tolist()
-    root = np.zeros((6, 6))
-    root[0, 0] = root[1, 1] = root[2, 2] = length
-    root[3, 3] = root[4, 4] = root[5, 5] = 1.0
-    root[3, 1], root[3, 2] = z, -y
-    root[4, 0], root[4, 2] = -z, x
-    root[5, 0], root[5, 1] = y, -x
+    root = np.diag(np.repeat((length, 1.0), 3))
+    root[3:, :3] = cross_matrix(-point)
     return root
 
 

@@ -8,6 +8,7 @@ import pytest
 from support.random_systems import motion
 
 import invariantqp as iq
+from invariantqp.control.passivity import DelayEstimate
 
 DT, LATE, WALL, STORE = 0.004, 25, 1e3, 0.02  # [s], [ticks] each way, [N/m], [J]
 STEADY = 60.0 * WALL * 0.03 / (60.0 + WALL)  # where hand and wall balance [N]
@@ -167,6 +168,26 @@ def test_a_delay_beyond_the_declared_one_is_detected_before_contact():
     assert 5.0 < forces.max() < 22.0
     plain = [iq.control.LinkEnd(dt=DT, passes=what) for what in ("twist", "wrench")]
     assert pushed(*plain, 1.5, **way)[0].max() > 50.0  # where what is passed on counts as done
+
+
+@pytest.mark.parametrize(("extra", "reports"), [(1, False), (2, True)])
+def test_a_delay_of_one_tick_more_than_declared_is_tolerated(extra, reports):
+    robot, device, _ = link(10.0, 1e4, arm=12, told=12 - extra)
+    _, _, said = pushed(robot, device, 0.8, measured=True, wall=1e4, gap=0.5, spring=250.0, arm=12)
+    assert ("later than declared" in said[-1][1]) is reports
+
+
+@pytest.mark.parametrize(
+    ("ratio", "noise", "found"),
+    [(1.0, 0.0, 10), (0.5, 0.0, 10), (0.2, 0.0, 0), (1.2, 0.0, 10), (2.0, 0.0, 0), (1.0, 0.012, 10), (1.0, 0.024, 0)],
+)
+def test_a_delay_is_found_only_where_it_explains_the_motion(ratio, noise, found):
+    rng, estimate = np.random.default_rng(0), DelayEstimate(DT, 0.0, 1)
+    times = DT * np.arange(1000)
+    commands = 0.1 * np.sin(6.0 * np.pi * times) + 0.05 * np.sin(2.6 * np.pi * times + 1.0)
+    measured = ratio * np.append(np.zeros(11), commands)[:1000] + noise * rng.standard_normal(1000)
+    delays = [estimate.update(m[None], c[None]) for m, c in zip(measured, commands, strict=True)]
+    assert delays[-1] == pytest.approx(found * DT)
 
 
 def test_a_wall_stiffer_than_declared_is_reported():
