@@ -38,6 +38,8 @@ inline Mat3 transposed(const Mat3& A)
     return {{{A[0][0], A[1][0], A[2][0]}, {A[0][1], A[1][1], A[2][1]}, {A[0][2], A[1][2], A[2][2]}}};
 }
 
+constexpr int POSE_NUMBERS = 16;  // of a (4, 4) matrix, row by row
+
 // A rigid motion x -> R x + p.
 struct Pose {
     Mat3 R{{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
@@ -45,7 +47,7 @@ struct Pose {
 
     Pose() = default;
     Pose(const Mat3& R, const Vec3& p) : R(R), p(p) {}
-    // From and to the 16 numbers of a (4, 4) matrix, row by row.
+    // From and to POSE_NUMBERS.
     explicit Pose(const double* H)
     {
         for (int i = 0; i < 3; i++)

@@ -90,7 +90,7 @@ Clearance::Clearance(ClearanceScene given) : scene(std::move(given)), m(scene.ar
         Mover& mover = memo.movers[i];
         const int arm = static_cast<int>(i) - scene.obstacles + 1;
         mover.declared.assign(arm > 0 ? scene.arms[arm].size() : 6, 0);
-        mover.position.assign(arm > 0 ? mover.declared.size() : 16, 0);
+        mover.position.assign(arm > 0 ? mover.declared.size() : POSE_NUMBERS, 0);
         if (arm <= 0)
             Pose().write(mover.position.data());
         mover.last = mover.position, mover.estimated = mover.declared;

@@ -58,7 +58,7 @@ nb::object array_of(const Pose* poses, int count)
     const npy_intp shape[3] = {count, 4, 4};
     nb::object array = new_array(3, shape);
     for (int i = 0; i < count; i++)
-        poses[i].write(data_of(array) + 16 * i);
+        poses[i].write(data_of(array) + POSE_NUMBERS * i);
     return array;
 }
 

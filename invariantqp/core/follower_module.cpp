@@ -22,7 +22,7 @@ MotionLimits motion_limits(nb::handle value, Reader& read)
         m = v.n;
         to[i]->assign(v.begin(), v.end());
     }
-    limits.dt = number(given[5], "dt", 0, 1e30);
+    limits.dt = number(given[5], "dt", 0, LARGEST);
     return limits;
 }
 // (start, first, rate, slope, final, duration), as in paths/reference.py; None is the time itself.
@@ -31,7 +31,7 @@ Clock clock_of(nb::handle value)
     if (value.is_none())
         return {};
     const nb::tuple given = parts(value, "clock", 6);
-    const auto of = [&](int i) { return number(given[i], "clock", -1e300, 1e300); };
+    const auto of = [&](int i) { return number(given[i], "clock", -LARGEST_NUMBER, LARGEST_NUMBER); };
     return {of(0), of(1), of(2), of(3), of(4), of(5)};
 }
 nb::tuple clock_fields(const Clock& c) { return nb::make_tuple(c.start, c.first, c.rate, c.slope, c.final, c.duration); }
@@ -160,7 +160,7 @@ TickGoal goal_of(nb::handle value, Reader& read)
     if (!given[1].is_none())
         goal.twist = read.vector(given[1], "twist", 6);
     goal.at_base = nb::cast<bool>(given[2]), goal.speed = number(given[3], "speed", 0, 1);
-    goal.splice_time = number(given[4], "splice_time", 0, 1e30), goal.time = number(given[5], "time", -1e300, 1e300);
+    goal.splice_time = number(given[4], "splice_time", 0, LARGEST), goal.time = number(given[5], "time", -LARGEST_NUMBER, LARGEST_NUMBER);
     if (goal.kind == TickGoal::Kind::target)
         goal.target = with_rotation(Pose(read.matrix(given[6], "target", 4, 4).p));
     return goal;

@@ -1,9 +1,8 @@
 #include "force.hpp"
+#include "tolerances.hpp"
 #include <algorithm>
 
 namespace iq::force {
-
-constexpr double PI = 3.14159265358979323846;
 
 Gains gains(double k, double b, double delay)
 {
@@ -29,7 +28,7 @@ void ContactTest::update(double press, double limit, double noise, double dt)
 
 double updated_evidence(double evidence, double press, double limit, double noise)
 {
-    const double sigma = std::max({noise, 0.25 * limit, 1e-300});
+    const double sigma = std::max({noise, 0.25 * limit, TINY});
     return std::clamp(evidence + 2 * (limit / sigma) * ((press - limit) / sigma), -CERTAIN, CERTAIN);
 }
 
@@ -252,7 +251,7 @@ bool update_tare(State& st, const Settings& s, const Inputs& in, const ContactTe
         in_air = in_air && st.parts[i].contact.evidence == -CERTAIN, touches = touches || st.parts[i].contact.touching;
     // Until the mean is known to half a per cent of the press; half a tick more, so that rounding decides no tie.
     const double sigma = std::max(s.noise, st.noise.sigma);
-    const double time = sigma > 0 ? std::clamp(s.dt * (0.5 + std::pow(sigma / (5e-3 * most_desired + 1e-300), 2)), 0.1, 0.4) : 2 * s.dt;
+    const double time = sigma > 0 ? std::clamp(s.dt * (0.5 + std::pow(sigma / (5e-3 * most_desired + TINY), 2)), 0.1, 0.4) : 2 * s.dt;
     const auto add_mean = [&] {
         for (int i = 0; i < 6; i++)
             tare.bias[i] += tare.sum[i] / tare.time;
@@ -315,7 +314,7 @@ void NoiseEstimate::update(const std::array<double, 6>& reading, const std::arra
     if (same)
         return;
     count++, change += (mean - change) / std::min(count, 200.0);
-    const double found = std::sqrt(PI) / 2 * change;
+    const double found = std::sqrt(M_PI) / 2 * change;
     if (count >= 20 && found > 1.5 * supposed)
         sigma = found;
 }

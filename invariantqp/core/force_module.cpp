@@ -32,12 +32,12 @@ WrenchSensor sensor_of(nb::dict given, Reader& read)
 {
     const Fields f(given, read, 6);
     WrenchSensor s;
-    s.mount = f.pose("mount"), s.mass = f.number("mass", 0, 1e300);
+    s.mount = f.pose("mount"), s.mass = f.number("mass", 0, LARGEST_NUMBER);
     s.centre = f.point("centre"), s.gravity = f.point("gravity"), s.origin = f.point("origin");
     const std::vector<double> bias = f.numbers("bias");
     std::copy(bias.begin(), bias.end(), s.bias.begin());
     s.is_reaction = f.word("reads") == "reaction";
-    s.force_deadband = f.number("force_deadband", 0, 1e300), s.moment_deadband = f.number("moment_deadband", 0, 1e300);
+    s.force_deadband = f.number("force_deadband", 0, LARGEST_NUMBER), s.moment_deadband = f.number("moment_deadband", 0, LARGEST_NUMBER);
     return s;
 }
 nb::object sensor_load(nb::dict sensor, nb::handle reading, nb::handle tool)
@@ -65,8 +65,8 @@ void make_hybrid(Hybrid* made, nb::dict given)
     set.law = law_of(f);
     if (f.has("sensor"))
         set.sensor = sensor_of(nb::cast<nb::dict>(f["sensor"]), read);
-    set.grip = f.point("grip"), set.slide_speed = f.number("slide_speed", 0, INFINITY), set.retreat_speed = f.number("retreat_speed", 0, 1e300);
-    set.edge_margin = f.number("edge_margin", 0, 1e300);
+    set.grip = f.point("grip"), set.slide_speed = f.number("slide_speed", 0, INFINITY), set.retreat_speed = f.number("retreat_speed", 0, LARGEST_NUMBER);
+    set.edge_margin = f.number("edge_margin", 0, LARGEST_NUMBER);
     if (f.has("normal_within"))
         set.normal_within = f.number("normal_within", 0, M_PI / 4);
     if (f.has("max_force"))
@@ -88,7 +88,7 @@ void make_split(ContactSplit* made, nb::dict given)
     s.intensities = f.matrix("intensities", s.n, 6), s.unit_parts = f.matrix("unit_parts", s.n, 6);
     s.unit_rates = f.matrix("unit_rates", s.n, 6), s.twist = f.matrix("twist", 6, s.n);
     s.out = f.numbers("out", 6), s.wrench = f.numbers("wrench"), s.origin = f.point("origin");
-    s.compliance = f.number("compliance", 0, 1e300);
+    s.compliance = f.number("compliance", 0, LARGEST_NUMBER);
     new (made) ContactSplit(s);
 }
 

@@ -4,7 +4,6 @@
 namespace iq {
 namespace {
 
-constexpr double TINY = 2.2250738585072014e-308;
 // [s] Joints without acceleration limits reach a speed along the contact in this time: by default 1 m/s^2, as arms usually move.
 constexpr double ACCELERATION_TIME = 0.1;
 // Changes of a noisy force count up to NOISE_SIGMAS standard deviations and may take NOISE_SHARE of the joints' acceleration; a gain

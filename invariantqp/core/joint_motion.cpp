@@ -1,4 +1,5 @@
 #include "joint_motion.hpp"
+#include "tolerances.hpp"
 
 namespace iq {
 namespace {
@@ -246,7 +247,7 @@ double MotionLimits::admissible_velocity(int j, double q, double v, double befor
 
 std::array<double, 4> Clock::at(double time) const
 {
-    const double D = std::max(duration, 1e-300), d = final - rate;
+    const double D = std::max(duration, TINY), d = final - rate;
     const double b = (3 * d / D - 2 * slope) / D, c = (slope - 2 * d / D) / D / D;
     const double u = std::clamp(time - start, 0.0, duration), place = first + rate * std::min(time - start, 0.0)
                      + u * (rate + u * (0.5 * slope + u * (b / 3 + u * 0.25 * c))) + final * std::max(time - start - duration, 0.0);

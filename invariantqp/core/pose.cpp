@@ -43,7 +43,6 @@ constexpr int MAX_REPEATS = 8;
 constexpr double MIN_REPEAT_GAIN = 0.999;
 // Distance beyond a limit [rad] from which a joint is moved to it, if that keeps the target met.
 constexpr double LIMIT_SLACK = 1e-3;
-constexpr double PI = 3.14159265358979323846;
 // Block exchanges without progress before joints are exchanged one at a time.
 constexpr int BLOCK_PIVOTS = 3;
 
@@ -346,7 +345,7 @@ class Search {
         for (int j = 0; j < m; j++) {
             const double range = std::max(arm.start_upper[j] - arm.start_lower[j], TINY);
             const double share = 2 * (q[j] - arm.start_lower[j]) / range - 1;
-            q[j] = start[j] + share * radius * (arm.full_turn[j] > 0 ? arm.full_turn[j] / (2 * PI) : arm.length);
+            q[j] = start[j] + share * radius * (arm.full_turn[j] > 0 ? arm.full_turn[j] / (2 * M_PI) : arm.length);
         }
         arm.wrap_into_limits(q);
     }

@@ -111,7 +111,7 @@ class Options {
             task.root = read.matrix(given[0], "root", 6, 6);
             task.point = vec3(read.vector(given[1], "point", 3));
         } else if (formed)
-            task.length = number(form, "length", 1e-300, 1e300);
+            task.length = number(form, "length", TINY, LARGEST_NUMBER);
         task.min_singular_value = std::min(1.0, task.root.w ? SVD(task.root).sigma[5] : task.length);
         if (!clearance.is_none())
             task.clearance = [clearance, m = arm.of.size()](const double* q) {
@@ -246,7 +246,7 @@ nb::list solve_many(const Arm& arm, nb::object targets, nb::object q0, bool alon
     const int n = static_cast<int>(shape[0]), m = arm.of.size();
     std::vector<PoseTask> tasks;
     for (int i = 0; i < n; i++)
-        tasks.push_back(options.towards(poses + 16 * i));
+        tasks.push_back(options.towards(poses + POSE_NUMBERS * i));
     std::vector<std::vector<double>> starts;
     if (!q0.is_none()) {
         if (PyArray_Check(q0.ptr()) && PyArray_NDIM(reinterpret_cast<PyArrayObject*>(q0.ptr())) == 2) {
@@ -302,7 +302,7 @@ nb::object descents(const Arm& arm, nb::object targets, nb::object q0, nb::objec
     int met = 0;
     for (bool near = true; met < n; met++) {
         rows[met].set(before);
-        near = descend_to(arm.of, options.towards(poses + 16 * met), rows[met].p, w);
+        near = descend_to(arm.of, options.towards(poses + POSE_NUMBERS * met), rows[met].p, w);
         for (int j = 0; j < m && near; j++)
             near = std::abs(rows(met, j) - before[j]) <= speed[j] * step[met];
         if (!near)

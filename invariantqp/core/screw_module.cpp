@@ -61,7 +61,7 @@ nb::object motions(const Chain& chain, nb::handle q)
     const npy_intp shape[3] = {chain.count() + 1, 4, 4};
     nb::object array = new_array(3, shape);
     for (std::size_t i = 0; i < poses.size(); i++)
-        poses[i].write(data_of(array) + 16 * i);
+        poses[i].write(data_of(array) + POSE_NUMBERS * i);
     return array;
 }
 

@@ -40,12 +40,14 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
 from invariantqp.robots.chain import Chain, drives_several
 from invariantqp.robots.kinematics import (
+    POSED_ROBOT,
     Robot,
     cached_for,
     joint_ranges,
     middle,
     plausible_distance,
     require_plausible_distance,
+    require_robot,
     whole_turns,
 )
 from invariantqp.systems.points import centre
@@ -60,7 +62,6 @@ RESTARTS = 300
 REACHED, EXACT_REACHED, TIMED_OUT, OUT_OF_REACH = range(4)
 # Number of searches that are cached with a robot.
 SEARCH_CACHE_SIZE = 16
-ROBOT_ATTRIBUTES = ("names", "position_lower", "position_upper", "pose", "jacobian")
 
 
 @frozen(eq=False, repr=False, slots=False)
@@ -268,8 +269,7 @@ def _reason(outcome: int, position: float, orientation: float, tries: int, block
 
 def engine_arm(robot: Robot) -> Any:
     """The engine's `PoseArm` of a robot."""
-    if isinstance(robot, type) or not all(hasattr(robot, name) for name in ROBOT_ATTRIBUTES):
-        raise BadInput("robot", excerpt(robot), "a robot, such as load_robot returns")
+    require_robot(robot, POSED_ROBOT)
     m = len(robot.names)
     if m > law.MOST_JOINTS:
         raise BadInput("robot", f"{m} joints", f"at most {law.MOST_JOINTS}")

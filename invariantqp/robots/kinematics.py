@@ -6,7 +6,7 @@ Joint positions q are (m,) [rad, length]; poses (4, 4) and twists (omega; v) are
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import dist, inf, pi, sqrt
 from typing import Any, NamedTuple, Protocol, TypeVar
 
@@ -89,9 +89,13 @@ class Robot(Protocol):
 ROBOT = ("names", "position_lower", "position_upper", "velocity_limit", "pose", "jacobian", "target", "state", "points")
 
 
-def require_robot(robot: Robot) -> Robot:
-    """The robot; raises BadInput for anything that lacks the attributes of one."""
-    if isinstance(robot, type) or not all(hasattr(robot, name) for name in ROBOT):
+# Those of robots whose joint positions are computed for a pose.
+POSED_ROBOT = ("names", "position_lower", "position_upper", "pose", "jacobian")
+
+
+def require_robot(robot: Robot, attributes: Sequence[str] = ROBOT) -> Robot:
+    """The robot; raises BadInput for anything that lacks one of the attributes."""
+    if isinstance(robot, type) or not all(hasattr(robot, name) for name in attributes):
         raise BadInput("robot", excerpt(robot), "a robot, such as load_robot returns")
     return robot
 
@@ -113,7 +117,7 @@ def middle(robot: Robot) -> Array:
     Raises:
         BadInput: not a robot.
     """
-    require_robot(robot)
+    require_robot(robot, POSED_ROBOT)
     lower, upper = robot.position_lower, robot.position_upper
     bounded = np.isfinite(lower) & np.isfinite(upper)
     centre = 0.5 * (np.where(bounded, lower, 0.0) + np.where(bounded, upper, 0.0))
