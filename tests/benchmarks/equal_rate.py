@@ -2,6 +2,7 @@
 
     python tests/benchmarks/equal_rate.py wipe   [--seeds 91 92] [--arms Panda IIWA UR5e XArm7] [--laws ours line ...]
     python tests/benchmarks/equal_rate.py bullet [--seeds 91 92] [--scenes level tilted ...] [--contacts rigid ...]
+    ... --json FILE               the results as JSON, too: examples/comparison/wipe.json and bullet.json are from it
     ... --tune [--seeds 1]        the grids that chose SETTINGS, for each arm in Wipe and each contact in PyBullet
 
 Every law has the same readings and ticks of 2 ms, the rivals at most 20 mm/s along the press:
@@ -21,6 +22,7 @@ seeds, and the largest force of all.
 # ruff: noqa: E501 (figures and simulators' arguments are long lines)
 from __future__ import annotations
 
+import json
 import logging
 import sys
 import tempfile
@@ -467,6 +469,7 @@ def main():
     parser.add_argument("where", choices=("wipe", "bullet"))
     parser.add_argument("--seeds", type=int, nargs="+")
     parser.add_argument("--tune", action="store_true")
+    parser.add_argument("--json", type=Path)
     for name, choices in {"arms": ARMS, "scenes": SCENES, "contacts": CONTACTS, "laws": LAWS}.items():
         parser.add_argument(f"--{name}", nargs="+", default=list(choices), choices=list(choices))
     asked = parser.parse_args()
@@ -486,9 +489,11 @@ def main():
             print(f"    {key}: {best[2]},")
         return
     print("| | ", " | ".join(asked.laws), " |\n|", "---|" * (1 + len(asked.laws)), sep="")
-    for row in rows:
-        cells = [cell(found[row, law]) if (row, law) in found else "-" for law in asked.laws]
-        print(f"| {row} |", " | ".join(cells), "|")
+    cells = {row: [cell(found[row, law]) if (row, law) in found else "-" for law in asked.laws] for row in rows}
+    for row, cells_of_row in cells.items():
+        print(f"| {row} |", " | ".join(cells_of_row), "|")
+    if asked.json:
+        asked.json.write_text(json.dumps({"laws": asked.laws, "rows": cells}, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

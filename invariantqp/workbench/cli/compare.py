@@ -68,11 +68,13 @@ def compare(
     from invariantqp.workbench.compare.results import write_results
     from invariantqp.workbench.compare.sweep import sweep
     from invariantqp.workbench.compare.tables import broken_promises
+    from invariantqp.workbench.writing import require_room
 
     folder("--out", out)
     bed_tasks = tasks_of(tasks or (), arms, kinds, seed, quick=quick)
     with writing(out):  # refused before the work
         out.mkdir(parents=True, exist_ok=True)
+        require_room(out)
     with progress("measuring", quiet) as report:
         results = sweep(bed_tasks, rows, seed=seed, quick=quick, jobs=jobs, progress=report)
     if not quiet:
@@ -124,12 +126,12 @@ def report_omitted(rows: list[Any], quick: bool) -> None:
 def print_comparison(results: dict[str, Any]) -> None:
     """Print the tables of a comparison, and the number of failed runs."""
     from invariantqp.workbench.compare.results import failures
-    from invariantqp.workbench.compare.tables import RULE, losses, summary
+    from invariantqp.workbench.compare.tables import COMPARED, RULE, losses, summary
 
     console = Console(highlight=False, width=None if Console().is_terminal else WIDEST)
     for found, about in (
         (summary(results), RULE),
-        (losses(results), "mm · deg · rad/s^2 · rms rad/s^2 · s until settled"),
+        (losses(results), COMPARED),
     ):
         if found.rows:
             table = Table(*found.columns, box=None)

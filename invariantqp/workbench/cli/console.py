@@ -16,6 +16,7 @@ import typer
 from rich.console import Console
 
 from invariantqp.errors import BadInput
+from invariantqp.workbench.writing import write_text
 
 
 class Exit(IntEnum):
@@ -126,4 +127,4 @@ def writing(file: Path) -> Iterator[None]:
 def write(file: Path, text: str) -> None:
     """Write text to a file."""
     with writing(file):
-        file.write_text(text, encoding="utf-8")
+        write_text(file, text)

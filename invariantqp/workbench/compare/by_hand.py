@@ -5,6 +5,7 @@
     DLS             J'(J J' + lambda^2 I)^-1 in place of J^+                                           (Wampler 1986)
     LM              (J'J + (|e|^2/2 + eps) I)^-1 (J's + eps x_p)                                      (Sugihara 2011)
     task priority   position, then orientation in its null space, then x_p        (Nakamura 1987; Chiaverini 1997)
+    J^{+h}          (J'Q_h J)^-1 J'Q_h s, with the pitch h of a task that has one                                ([DS])
     SNS             a joint that would exceed its limit stays at it, others compensate          (Flacco et al. 2012)
     scaling         maximise alpha with J x = alpha s inside the limits, alpha <= 1; x_p in what is left
     QP              minimise |A x - b|^2 + (eps + mu) |x|^2 - 2 eps x_p'x inside the limits
@@ -19,6 +20,7 @@ joint by joint. eps = 1e-6, the weight of a posture task of Pink's examples.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -185,6 +187,19 @@ def priority(spec: LoopSpec) -> Velocity:
     return velocity
 
 
+def hyperbolic(spec: LoopSpec) -> Velocity:
+    """The h-pseudoinverse as [DS] defines it, where it exists."""
+    Q = np.zeros((6, 6))  # linear part first
+    Q[:3, 3:] = Q[3:, :3] = np.eye(3)
+    Q[3:, 3:] = -2.0 * spec.law["form"] * np.eye(3)
+
+    def velocity(tick: TickProblem) -> Array:
+        rows = tick.J.T.dot(Q)
+        return clipped(np.linalg.solve(rows.dot(tick.J), rows.dot(tick.s)), tick)
+
+    return velocity
+
+
 def saturation(_: LoopSpec) -> Velocity:
     """Saturation in the null space (Flacco, De Luca & Khatib 2012, Algorithm 1)."""
     return lambda tick: saturate(tick)[0]
@@ -300,6 +315,7 @@ METHODS = [
     method("Moore-Penrose", moore_penrose, "in the null space", CLIPPED, "none"),
     method("DLS", damped, "in the damped null space", CLIPPED, f"lambda = {LAMBDA:g}"),
     method("LM", levenberg_marquardt, "weight 1e-6", CLIPPED, BY_ERROR),
+    replace(method("J^{+h}", hyperbolic, "none", CLIPPED, "none", "added", "not needed"), needs_pitch=True),
     method("SNS", saturation, "in the null space", SCALES, "none"),
     method("task priority", priority, "last priority", CLIPPED, "along small singular values, to 0.05"),
     method("scaling", scaling, "in what is left", SCALES, "none"),

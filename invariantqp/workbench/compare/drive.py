@@ -22,7 +22,7 @@ from joblib import Parallel, delayed
 from joblib.parallel import get_active_backend
 
 from invariantqp.workbench.compare.environments import python_of
-from invariantqp.workbench.compare.figures import Figures, figures
+from invariantqp.workbench.compare.figures import CHANGES, Figures, figures
 from invariantqp.workbench.compare.method import Method
 from invariantqp.workbench.compare.tasks import BedTask
 
@@ -127,15 +127,15 @@ class Workers:
         return versions
 
     def run(self, task: BedTask, methods: Sequence[Method]) -> dict[str, Figures]:
-        """The figures of each method on a task, or {"failed": why}; without methods that do not take its limits."""
-        able = [method for method in methods if method.accelerations or task.spec.acceleration_limit is None]
+        """The figures of each method on a task, or {"failed": why}; without methods that do not take it."""
+        able = [method for method in methods if method.takes(task.spec)]
         runs = self._runs(task, able)
         results = {name: figures(task, run) if "failed" not in run else run for name, run in runs.items()}
         if task.original is not None:
             for name, run in self._runs(task.original, able).items():
                 if "failed" not in run and "failed" not in runs[name]:
                     change = np.array(run["positions"]) - np.array(runs[name]["positions"])
-                    results[name]["frame_rad"] = float(np.abs(change).max())
+                    results[name][CHANGES[task.kind]] = float(np.abs(change).max())
         return results
 
     def _runs(self, task: BedTask, methods: Sequence[Method]) -> dict[str, dict[str, Any]]:

@@ -13,12 +13,15 @@ import numpy as np
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.workbench.compare.arms import chain_of
-from invariantqp.workbench.compare.tasks import BedTask
+from invariantqp.workbench.compare.tasks import OTHER_FRAME, OTHER_UNIT, BedTask
 
 Figures = dict[str, Any]
 # The compared figures with the values below which two runs are equal: mm, degrees, rad/s^2, rad/s^2, s.
 FLOORS = {"mm": 0.01, "deg": 0.005, "acceleration": 1.0, "acceleration_rms": 0.1, "settling": 0.02}
 WORSE, BETTER = 1.05, 1.15
+# The largest change of a joint position [rad] where the same motion is told otherwise, by kind of task. Such tasks do
+# not count for dominance: they are the kind "limits" again.
+CHANGES = {OTHER_FRAME: "frame_rad", OTHER_UNIT: "unit_rad"}
 # The settling time of a run that does not settle [s].
 NOT_SETTLED = 10.0
 # A tool is settled within these [mm], [deg].
@@ -84,11 +87,20 @@ def figures(task: BedTask, run: dict[str, Any]) -> Figures:
 
 def dominates(one: Figures, other: Figures) -> bool:
     """Whether one run dominates another of the same task."""
-    motionless = one["joints_deg"] < MOTIONLESS and (one["mm"] > SETTLED[0] or one["deg"] > SETTLED[1])
-    if one["exceptions"] or one["violations"] or motionless:
+    if has_failed(one):
         return False
     pairs = list(zip(compared(one), compared(other), strict=True))
     return all(a <= WORSE * b for a, b in pairs) and any(BETTER * a < b for a, b in pairs)
+
+
+def has_failed(run: Figures) -> bool:
+    """Whether a method raised an exception, violated a limit or stood still off its target."""
+    return bool(run["exceptions"] or run["violations"] or is_motionless(run))
+
+
+def is_motionless(run: Figures) -> bool:
+    """Whether the arm stood still off its target."""
+    return bool(run["joints_deg"] < MOTIONLESS and (run["mm"] > SETTLED[0] or run["deg"] > SETTLED[1]))
 
 
 def compared(run: Figures) -> Sequence[float]:

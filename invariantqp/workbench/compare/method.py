@@ -90,7 +90,14 @@ class Method:
     distribution: str = ""  # the package to install, whose version is reported
     environment: str = ""  # name of its own environment; "" is the current one
     accelerations: bool = True  # whether it takes acceleration limits; if not, tasks that have them leave it out
+    needs_pitch: bool = False  # whether it takes only tasks with the pitch of a form
     slow: bool = False  # whether the quick form leaves it out
+
+    def takes(self, spec: LoopSpec) -> bool:
+        """Whether the method has a meaning on a task."""
+        return (self.accelerations or spec.acceleration_limit is None) and (
+            not self.needs_pitch or spec.law["form"] is not None
+        )
 
     @property
     def about(self) -> str:

@@ -24,9 +24,10 @@ import numpy as np
 
 from invariantqp.extras import is_installed
 from invariantqp.version import __version__
-from invariantqp.workbench.compare.figures import Figures, dominates
+from invariantqp.workbench.compare.figures import CHANGES, Figures, dominates
 from invariantqp.workbench.compare.method import OURS, Method
-from invariantqp.workbench.compare.tasks import OTHER_FRAME, BedTask
+from invariantqp.workbench.compare.tasks import BedTask
+from invariantqp.workbench.writing import write_text
 
 SCHEMA = 2
 # Distributions that may change a result, besides those of the methods.
@@ -43,8 +44,8 @@ class TaskRuns(NamedTuple):
 
     @property
     def is_compared(self) -> bool:
-        """Whether dominance counts: not in another tool frame, because some methods do not take the point."""
-        return self.kind != OTHER_FRAME
+        """Whether dominance counts."""
+        return self.kind not in CHANGES
 
     def dominating(self, name: str) -> list[str]:
         """The methods that dominate one; none if dominance does not count."""
@@ -105,12 +106,10 @@ def tick_us(tasks: Sequence[TaskRuns], name: str) -> tuple[float, float]:
 
 
 def write_results(file: Path, results: Results) -> None:
-    """Write results, a run a line, so that two files can be compared by lines; an interrupt leaves no partial file."""
+    """Write results, a run a line, so that two files can be compared by lines."""
     lines = ",\n  ".join(json.dumps(run, allow_nan=False, separators=(",", ":")) for run in results["runs"])
     head = json.dumps({key: value for key, value in results.items() if key != "runs"}, indent=1, allow_nan=False)
-    part = file.with_suffix(".part")
-    part.write_text(f'{head[:-2]},\n "runs": [\n  {lines}\n ]\n}}\n', encoding="utf-8")
-    part.replace(file)
+    write_text(file, f'{head[:-2]},\n "runs": [\n  {lines}\n ]\n}}\n')
 
 
 def plain(figures: Figures) -> Figures:

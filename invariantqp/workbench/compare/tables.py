@@ -7,23 +7,52 @@ from collections.abc import Sequence
 from math import exp, isfinite, log
 from typing import Any, NamedTuple
 
-from invariantqp.workbench.compare.figures import BETTER, FLOORS, WORSE, Figures, dominates
+from invariantqp.workbench.compare.figures import (
+    BETTER,
+    CHANGES,
+    FLOORS,
+    WORSE,
+    Figures,
+    compared,
+    dominates,
+    is_motionless,
+)
 from invariantqp.workbench.compare.method import OURS
 from invariantqp.workbench.compare.results import Results, TaskRuns, failures, measured, tick_us
-from invariantqp.workbench.compare.tasks import KINDS
+from invariantqp.workbench.compare.tasks import KINDS, OTHER_FRAME
 
-NOTHING, ROUNDING = "-", 1e-12
+NOTHING, ROUNDING, NEGLIGIBLE = "-", 1e-12, 1e-7
 RULE = (
     "Method A dominates B on a task if A raised no exception, violated no limit and did not stay motionless; none of "
     "five figures (largest position and orientation error, largest and rms joint acceleration, settling time) is more "
     f"than {100 * (WORSE - 1):.0f} % worse, and at least one is {100 * (BETTER - 1):.0f} % better. Values below "
     f"{FLOORS['mm']:g} mm, {FLOORS['deg']:g} deg, {FLOORS['acceleration']:g} and {FLOORS['acceleration_rms']:g} "
     f"rad/s^2 and {FLOORS['settling']:g} s count as these. frame: the largest change of a joint position when the same "
-    "motion is asked of a tool frame elsewhere on the tool."
+    "motion is asked of a tool frame elsewhere on the tool; unit: in millimetres."
 )
 CELLS = (
     "In each cell: largest position error [mm] · largest orientation error [deg] · largest joint acceleration "
     "[rad/s^2], geometric means over arms · longest settling time, to 1 mm and 1 deg [s]."
+)
+
+
+COMPARED = "mm · deg · rad/s^2 · rms rad/s^2 · s until settled"
+# The columns of the table of stability, and the kinds of tasks that they are made of.
+WHERE_METHODS_FAIL = {
+    "beyond a limit at the start": ("outside",),
+    "limits that contradict each other": ("accelerations",),
+    "singular": ("singular",),
+    "out of reach": ("out of reach",),
+    "late": ("stale", "jitter"),
+    "NaN": ("NaN",),
+    "at a principal pitch": ("principal pitch",),
+    **{kind: (kind,) for kind in CHANGES},
+}
+OUTCOMES = (
+    "In each cell, first what is worst: the run failed; the method raised an exception, or its answer was not finite; "
+    "it violated a limit; the arm stood still off its target; it did not come back to 1 mm and 1 deg where another "
+    "method does. Then the largest joint acceleration [rad/s^2] and position error [mm], geometric means over the "
+    "runs that did not fail. Where the same motion is told otherwise: the largest change of a joint position [rad]."
 )
 
 
@@ -54,18 +83,18 @@ def summary(results: Results) -> Table:
     rows = []
     for name in names_of(results):
         runs = [(task, task.runs[name]) for task in tasks if name in task.runs]
-        compared = [(task, run) for task, run in runs if task.is_compared]
-        both = [(run, task.runs[OURS]) for task, run in compared if OURS in task.runs and name != OURS]
+        counted = [(task, run) for task, run in runs if task.is_compared]
+        both = [(run, task.runs[OURS]) for task, run in counted if OURS in task.runs and name != OURS]
         over, under = sum(dominates(a, b) for a, b in both), sum(dominates(b, a) for a, b in both)
-        by_any = sum(bool(task.dominating(name)) for task, _ in compared)
+        by_any = sum(bool(task.dominating(name)) for task, _ in counted)
         times = (figure(value, "{:.3g}") for value in tick_us(tasks, name))
         raised = sum(run["exceptions"] > 0 for _, run in runs) + sum(method == name for method, _, _ in failed)
         left = sum(run["violations"] > 0 for _, run in runs)
         against = [NOTHING, NOTHING] if name == OURS else [str(over), str(under)]
-        change = figure(frame_change(tasks, name), "{:.0e}")
-        rows.append([name, *times, *against, f"{by_any} of {len(compared)}", str(raised), str(left), change])
+        changes = [figure(change(tasks, name, kind), "{:.0e}") for kind in CHANGES]
+        rows.append([name, *times, *against, f"{by_any} of {len(counted)}", str(raised), str(left), *changes])
     heads = ("dominates ours", "ours dominates", "dominated by any", "exceptions", "limit violations")
-    return Table(("method", "tick us", "p99", *heads, "frame, rad"), rows)
+    return Table(("method", "tick us", "p99", *heads, "frame, rad", "unit, rad"), rows)
 
 
 def by_kind(results: Results, kinds: Sequence[str] | None = None) -> Table:
@@ -84,8 +113,14 @@ def cell(runs: Sequence[Figures]) -> str:
     """The cell of some runs, as CELLS says."""
     if not runs:
         return NOTHING
-    means = [geometric_mean([run[key] for run in runs], 0.0) for key in ("mm", "deg", "acceleration")]
-    return " · ".join([*map(figure, means), settling([run["settling"] for run in runs])])
+    means = [mean(runs, key) for key in ("mm", "deg", "acceleration")]
+    return " · ".join([*means, settling([run["settling"] for run in runs])])
+
+
+def mean(runs: Sequence[Figures], key: str) -> str:
+    """The geometric mean of a figure as text; zero is what is below NEGLIGIBLE."""
+    value = geometric_mean([run[key] for run in runs], 0.0)
+    return figure(value) if value > NEGLIGIBLE else "0"
 
 
 def geometric_mean(values: Sequence[float], least: float) -> float:
@@ -99,14 +134,59 @@ def settling(times: Sequence[float | None]) -> str:
 
 
 def losses(results: Results) -> Table:
-    """The tasks in which methods dominate ours, most methods first."""
-    found = [(task, task.dominating(OURS)) for task in measured(results) if OURS in task.runs]
-    found = sorted((pair for pair in found if pair[1]), key=lambda pair: -len(pair[1]))
-    rows = [
-        [task.name, one(task, OURS), ", ".join(by), one(task, min(by, key=lambda name: task.runs[name]["mm"]))]
-        for task, by in found
-    ]
-    return Table(("task", OURS, "dominated by", "the nearest of these"), rows)
+    """The tasks in which methods dominate ours, worst first: by the largest ratio of a figure to that of the best."""
+    found = []
+    for task in measured(results):
+        by = {name: ratio(task, name) for name in task.dominating(OURS)} if OURS in task.runs else {}
+        if by:
+            best = max(by, key=by.__getitem__)
+            found.append((by[best], [task.name, one(task, OURS), f"{best}: {one(task, best)}", ", ".join(by)]))
+    rows = [[*row[:3], figure(worst), row[3]] for worst, row in sorted(found, key=lambda pair: -pair[0])]
+    return Table(("task", OURS, "the best of these", "ratio", "dominated by"), rows)
+
+
+def ratio(task: TaskRuns, name: str) -> float:
+    """The largest ratio of a compared figure of ours to that of a method."""
+    pairs = zip(compared(task.runs[OURS]), compared(task.runs[name]), strict=True)
+    return max(ours / theirs for ours, theirs in pairs)
+
+
+def stability(results: Results) -> Table:
+    """What each method does where methods fail, as OUTCOMES says."""
+    tasks = measured(results)
+    failed = {(name, task) for name, task, _ in failures(results)}
+    columns = [c for c, names in WHERE_METHODS_FAIL.items() if any(task.kind in names for task in tasks)]
+    rows = []
+    for name in names_of(results):
+        cells = []
+        for column in columns:
+            here = [task for task in tasks if task.kind in WHERE_METHODS_FAIL[column]]
+            moved = change(here, name, column) if column in CHANGES else None
+            count = sum((name, task.name) in failed for task in here)
+            cells.append(outcome(here, name, count) if moved is None else figure(moved, "{:.0e}"))
+        rows.append([name, *cells])
+    return Table(("method", *columns), rows if columns else ())
+
+
+def outcome(tasks: Sequence[TaskRuns], name: str, failed: int) -> str:
+    """The cell of a method: its worst outcome in words and in how many tasks, and its figures."""
+    pairs = [(task, task.runs[name]) for task in tasks if name in task.runs]
+    if not pairs and not failed:
+        return NOTHING
+    words = {
+        "fails": failed,
+        "raises": sum(run["exceptions"] > 0 for _, run in pairs),
+        "over limits": sum(run["violations"] > 0 for _, run in pairs),
+        "stands still": sum(is_motionless(run) for _, run in pairs),
+        "not back": sum(
+            run["settling"] is None and any(other["settling"] is not None for other in task.runs.values())
+            for task, run in pairs
+        ),
+    }
+    worst = next((f"{word} {count}/{len(pairs) + failed}; " for word, count in words.items() if count), "")
+    if not pairs:
+        return worst.removesuffix("; ")
+    return worst + " · ".join(mean([run for _, run in pairs], key) for key in ("acceleration", "mm"))
 
 
 def lost_kinds(results: Results) -> Table:
@@ -153,9 +233,10 @@ def listed(results: Results) -> Table:
     return Table(("task", "method", *keys), rows)
 
 
-def frame_change(tasks: Sequence[TaskRuns], name: str) -> float | None:
-    """The largest change of a joint position in another tool frame [rad]."""
-    found: list[Any] = [task.runs[name].get("frame_rad") for task in tasks if name in task.runs]
+def change(tasks: Sequence[TaskRuns], name: str, kind: str = OTHER_FRAME) -> float | None:
+    """The largest change of a joint position in another tool frame, or unit [rad]; None of an arm that stood still."""
+    runs = [task.runs[name] for task in tasks if name in task.runs and not is_motionless(task.runs[name])]
+    found: list[Any] = [run.get(CHANGES[kind]) for run in runs]
     return max((value for value in found if value is not None), default=None)
 
 

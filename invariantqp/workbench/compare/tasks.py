@@ -21,6 +21,7 @@ from invariantqp.errors import BadInput, RobotModelError
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
+from invariantqp.systems.gram import principal_pitches
 from invariantqp.workbench.compare.arms import STARTS, arm, as_chain, chain_of, urdf
 from invariantqp.workbench.compare.method import LoopSpec
 from invariantqp.workbench.runs.frames import random_displacement
@@ -47,7 +48,11 @@ SINGULAR = 2e-3
 SMALL = ("so101", "random4")
 # Noise of encoders [rad], and the largest delay of a target [s].
 COUNTS, LATE = 2e-5, 0.02
-OTHER_FRAME = "other tool frame"
+# The same motion, told in another tool frame and in millimetres.
+OTHER_FRAME, OTHER_UNIT = "other tool frame", "other unit"
+MILLIMETRES = 1e3
+# How far targets are off the path where joints cannot do all of it [m], [rad].
+OFF_PATH = 0.005, 0.01
 # Rates of a stream of targets and of a stale one [Hz].
 STREAM, STALE = 50.0, 10.0
 
@@ -67,7 +72,7 @@ class BedTask:
     desired: Array  # (n, 4, 4) tool poses that errors are measured from
     judged: LoopSpec  # the arm with the tool frame of `desired` and the point at which errors are measured
     settles_from: int = 0  # the tick from which settling counts
-    original: BedTask | None = None  # the same motion in the original tool frame
+    original: BedTask | None = None  # the same motion in the original tool frame and unit
 
 
 def minimum_jerk(u: ArrayLike) -> Array:
@@ -162,15 +167,34 @@ class Maker:
         """Paths through singularities, with targets displaced by 5 mm and 0.01 rad."""
         tasks = []
         for kind, ends in self.ends().items():
-            targets = self.poses(joint_path(ends, 3.0, 0.005, rest=1.0))
-            k = np.arange(len(targets))
-            weight = minimum_jerk(k / 200) * (1.0 - minimum_jerk((k - 400) / 200))
-            dv, dw = self.rng.standard_normal((2, 3))
-            dv, dw = 0.005 * dv / np.linalg.norm(dv), 0.01 * dw / np.linalg.norm(dw)
-            targets[:, :3, 3] += weight[:, None] * dv
-            targets[:, :3, :3] = [se3.rotation(u * dw).dot(T[:3, :3]) for u, T in zip(weight, targets, strict=True)]
+            targets = self.off_path(self.poses(joint_path(ends, 3.0, 0.005, rest=1.0)))
             tasks.append(self.task(f"singular {kind}", targets, 0.005, 20.0, q0=ends[0], settles_from=600))
         return tasks
+
+    def off_path(self, targets: Array) -> Array:
+        """Targets (n, 4, 4) displaced by OFF_PATH in a random direction, in ticks 200 to 400; reached over a second."""
+        k, targets = np.arange(len(targets)), targets.copy()
+        weight = minimum_jerk(k / 200) * (1.0 - minimum_jerk((k - 400) / 200))
+        dv, dw = (
+            size * d / np.linalg.norm(d) for size, d in zip(OFF_PATH, self.rng.standard_normal((2, 3)), strict=True)
+        )
+        targets[:, :3, 3] += weight[:, None] * dv
+        targets[:, :3, :3] = [se3.rotation(u * dw).dot(T[:3, :3]) for u, T in zip(weight, targets, strict=True)]
+        return targets
+
+    def at_a_principal_pitch(self) -> list[BedTask]:
+        """A slow path, its targets off it, with the form of the pitch that is principal half-way; for under six joints.
+
+        Half-way J'Q_h J has no inverse, so the h-pseudoinverse does not exist there; nor anywhere else on an SO-101,
+        whose three parallel axes have the principal pitch 0 in all positions.
+        """
+        if len(self.q0) > 5:
+            return []
+        path = joint_path([self.q0, self.path_end], 3.0, 0.005, rest=1.0)
+        pitches = principal_pitches(self.robot.jacobian(0.5 * (self.q0 + self.path_end)))
+        task = self.task("principal pitch", self.off_path(self.poses(path)), 0.005, 20.0, settles_from=600)
+        law = {**task.spec.law, "form": float(pitches[np.argmin(np.abs(pitches))])}
+        return [replace(task, spec=replace(task.spec, law=law))]
 
     def ends(self) -> dict[str, tuple[Array, Array]]:
         """Joint positions on either side of up to three singularities."""
@@ -273,6 +297,10 @@ class Maker:
         """The path at limits, in another tool frame."""
         return [displaced(self.at_limits(OTHER_FRAME), random_displacement(self.seed))]
 
+    def other_unit(self) -> list[BedTask]:
+        """The path at limits, in millimetres."""
+        return [in_unit(self.at_limits(OTHER_UNIT), MILLIMETRES)]
+
 
 def spec_of(robot: Robot, law: LawSpec) -> LoopSpec:
     """The inputs of every method, from an arm and a [law]."""
@@ -320,6 +348,26 @@ def displaced(task: BedTask, X: Array) -> BedTask:
     )
 
 
+def in_unit(task: BedTask, scale: float) -> BedTask:
+    """The same motion of an arm with hinges alone, with lengths in a unit of which a metre has `scale`."""
+    spec = task.spec
+    scales = np.repeat([1.0, scale], 3)
+    home, targets = spec.home.copy(), task.targets.copy()
+    home[:3, 3] *= scale
+    targets[:, :3, 3] *= scale
+    scaled = replace(spec, screws=spec.screws * scales[:, None], home=home)
+    law = {**spec.law, "point": tuple((scale * spec.point).tolist()), "length": scale * spec.length}
+    return replace(
+        task,
+        spec=replace(
+            scaled, point=scale * spec.point, length=scale * spec.length, urdf=urdf(chain_of(scaled)), law=law
+        ),
+        targets=targets,
+        feedforward=None if task.feedforward is None else scales * task.feedforward,
+        original=task,
+    )
+
+
 # Kinds of tasks: a line for tables, and the function that makes them.
 KINDS: dict[str, tuple[str, Callable[[Maker], list[BedTask]]]] = {
     "free": ("a slow path", lambda a: [a.task("free", a.free_path, 0.002, 50.0)]),
@@ -330,7 +378,12 @@ KINDS: dict[str, tuple[str, Callable[[Maker], list[BedTask]]]] = {
     "limits": ("a path 1.4 times too fast and 0.2 rad beyond a position limit", lambda a: [a.at_limits()]),
     "accelerations": ("the same path, with limits of 15 rad/s^2", lambda a: [a.at_limits("accelerations", 15.0)]),
     OTHER_FRAME: ("the path at limits, for a frame elsewhere on the tool", Maker.other_frame),
+    OTHER_UNIT: ("the path at limits, with lengths in millimetres", Maker.other_unit),
     "singular": ("paths through singularities, the targets 5 mm and 0.01 rad off", Maker.singularities),
+    "principal pitch": (
+        "a path on which J^{+h} does not exist half-way, the targets 5 mm and 0.01 rad off",
+        Maker.at_a_principal_pitch,
+    ),
     "turn": ("the target turns by 45 and by 90 degrees at once, in place", lambda a: [a.turn(45.0), a.turn(90.0)]),
     "jump": (
         "the target jumps by 150 mm; SO-101 and random arm: 75 mm, out of their reach without turning",

@@ -14,6 +14,7 @@ from typing import Any
 
 from invariantqp.errors import BadInput
 from invariantqp.extras import optional
+from invariantqp.workbench.writing import complete_file
 
 with optional("pictures", "matplotlib"):
     import matplotlib as mpl
@@ -45,6 +46,7 @@ def figure_file(
         # An SVG would contain the time of drawing: without it the same data give the same file.
         metadata = {"Date": None} if ending == ".svg" else None
         try:
-            figure.savefig(file, metadata=metadata)
+            with complete_file(file) as part:
+                figure.savefig(part, metadata=metadata)
         except OSError as error:
             raise BadInput(str(file), error.strerror or str(error), "a file that can be written") from error

@@ -19,6 +19,7 @@ from invariantqp.workbench.runs.trace import Trace
 from invariantqp.workbench.template import fill_template
 from invariantqp.workbench.view.scenery import Solid
 from invariantqp.workbench.view.timeline import FORCE, TRAVEL, Timeline, timeline_of
+from invariantqp.workbench.writing import write_text
 
 SCRIPTS = ("motion.js", "hardware.js", "painter.js", "charts.js", "player.js")
 # Attributes of a timeline that a page has by the same name: packed arrays, and plain values.
@@ -59,7 +60,7 @@ def animation(trace: Trace, file: Path | str) -> Path:
     """
     text = page(timeline_of(trace))
     try:
-        Path(file).write_text(text, encoding="utf-8")
+        write_text(file, text)
     except OSError as error:
         raise BadInput(str(file), error.strerror or str(error), "a file that can be written") from error
     return Path(file)

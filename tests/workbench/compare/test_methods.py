@@ -29,7 +29,9 @@ from invariantqp.workbench.compare.tasks import bed, spec_of
 from invariantqp.workbench.compare.worker import Run
 from invariantqp.workbench.runs.taskfile import LawSpec
 
-HERE = [row for row in methods_named(None) if not row.environment and all(map(find_spec, row.needs))]
+HERE = [
+    row for row in methods_named(None) if not row.environment and all(map(find_spec, row.needs)) and not row.needs_pitch
+]
 BY_HAND = [row.name for row in METHODS.values() if row.family == "by hand"]
 SLACK = 1e-7  # DAQP's
 GIVEN = spec_of(arm("panda"), LawSpec(dt=0.002))
@@ -88,6 +90,22 @@ def test_damped_methods_are_the_minima_of_their_costs(m):
     for name, mu in (("DLS", LAMBDA**2), ("LM", 0.5 * s @ s + EPS)):
         x = solved(name, J, s)
         np.testing.assert_allclose(J.T @ (s - J @ x), mu * x, atol=1e-10)
+
+
+@pytest.mark.parametrize("h", [-0.2, 0.3])
+def test_the_pseudoinverse_of_a_pitch_is_this_library_s(h):
+    J, s = problem(5, 5)
+    given = replace(GIVEN, names=tuple("abcde"), law={**GIVEN.law, "form": h})
+    x = METHODS["J^{+h}"].loop(given).velocity(tick(J, s))
+    swap = [3, 4, 5, 0, 1, 2]  # the comparison's twists have the linear part first
+    np.testing.assert_allclose(x, iq.pseudoinverse(J[swap], h) @ s[swap], atol=1e-9)
+
+
+def test_a_method_of_a_pitch_takes_tasks_with_a_pitch():
+    with_pitch = replace(GIVEN, law={**GIVEN.law, "form": 0.3})
+    assert [METHODS["J^{+h}"].takes(given) for given in (GIVEN, with_pitch)] == [False, True]
+    limited = replace(GIVEN, acceleration_limit=np.ones(7))
+    assert [METHODS["mink"].takes(given) for given in (GIVEN, limited)] == [True, False]
 
 
 def test_priorities_come_one_after_the_other():
@@ -174,7 +192,7 @@ def test_pinocchio_and_this_library_read_the_same(name, monkeypatch):
         np.testing.assert_allclose(a, b, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", BY_HAND)
+@pytest.mark.parametrize("name", [name for name in BY_HAND if not METHODS[name].needs_pitch])
 def test_methods_by_hand_keep_limits_of_position_speed_and_acceleration(name):
     """Targets far beyond all of them: each has a distance from which it brakes."""
     rng = np.random.default_rng(7)

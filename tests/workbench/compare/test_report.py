@@ -13,10 +13,24 @@ from support.command_line import call
 
 from invariantqp.workbench.compare import tables
 from invariantqp.workbench.compare.method import OURS
-from invariantqp.workbench.compare.report import DARK, LIGHT, draw, html, inline_svg, marker_of, point, write_report
+from invariantqp.workbench.compare.report import (
+    DARK,
+    LIGHT,
+    MARKERS,
+    PANELS,
+    acceleration,
+    colour_of,
+    draw,
+    fails,
+    html,
+    inline_svg,
+    mm,
+    point,
+    write_report,
+)
 from invariantqp.workbench.compare.results import failures, measured, plain, tick_us, write_results
 from invariantqp.workbench.compare.sweep import METHODS, methods_named, sweep, tasks_of
-from invariantqp.workbench.compare.tables import by_kind, losses, lost_kinds, summary
+from invariantqp.workbench.compare.tables import by_kind, change, losses, lost_kinds, stability, summary
 
 ROOT = Path(__file__).parents[3]
 KEPT = json.loads((ROOT / "examples" / "comparison" / "results.json").read_text("utf-8"))
@@ -56,13 +70,12 @@ def test_the_summary_counts_tasks():
         tasks=("a", "b"),
     )
     rows = {row[0]: row[1:] for row in summary(results).rows}
-    assert rows[OURS] == ["4", "20", "-", "-", "2 of 2", "0", "0", "-"]
-    assert rows["DLS"] == ["8", "20", "2", "0", "0 of 2", "0", "0", "-"]
-    assert rows["LM"] == ["10", "20", "0", "2", "2 of 2", "2", "0", "-"]
-    assert rows["SNS"][-3:] == ["0", "2", "-"]
-    assert rows["QP"] == ["-", "-", "0", "0", "0 of 0", "2", "0", "-"]
+    assert rows[OURS] == ["4", "20", "-", "-", "2 of 2", "0", "0", "-", "-"]
+    assert rows["DLS"] == ["8", "20", "2", "0", "0 of 2", "0", "0", "-", "-"]
+    assert rows["LM"] == ["10", "20", "0", "2", "2 of 2", "2", "0", "-", "-"]
+    assert rows["SNS"][-4:] == ["0", "2", "-", "-"]
+    assert rows["QP"] == ["-", "-", "0", "0", "0 of 0", "2", "0", "-", "-"]
     assert [row[0] for row in losses(results).rows] == ["a", "b"]
-    assert losses(results).rows[0][2] == "DLS"
     assert lost_kinds(results).rows == [["free", "2 of 2", "DLS (2)"]]
     assert failures(results)[0] == ("QP", "a", "its process ended")
 
@@ -84,10 +97,46 @@ def test_broken_promises_are_ours():
     assert said == "panda/free: invariantqp could not be measured: it ended"
 
 
-def test_in_another_tool_frame_methods_are_not_compared():
-    results = made({OURS: {"frame_rad": 1e-14}, "DLS": {"mm": 0.5, "frame_rad": 0.2}}, kind="other tool frame")
+def test_losses_are_listed_from_the_worst():
+    results = made({OURS: {}, "DLS": {"mm": 0.5}, "LM": {"acceleration": 8.0}}, tasks=("mild", "bad"))
+    results["runs"][4]["figures"]["acceleration"] = 2.0
+    rows = losses(results).rows
+    assert [(row[0], row[3], row[4]) for row in rows] == [("bad", "5", "DLS, LM"), ("mild", "2", "DLS, LM")]
+    assert [row[2].partition(":")[0] for row in rows] == ["DLS", "DLS"]
+
+
+@pytest.mark.parametrize(("kind", "key"), [("other tool frame", "frame_rad"), ("other unit", "unit_rad")])
+def test_where_the_same_motion_is_told_otherwise_methods_are_not_compared(kind, key):
+    runs = {OURS: {key: 1e-14}, "DLS": {"mm": 0.5, key: 0.2}, "Drake": {key: 0.0, "joints_deg": 0.0, "mm": 5.0}}
+    results = made(runs, kind=kind)
     assert losses(results).rows == lost_kinds(results).rows == []
-    assert [row[-1] for row in summary(results).rows] == ["1e-14", "0.2"]
+    assert [change(measured(results), name, kind) for name in (OURS, "DLS", "Drake")] == [1e-14, 0.2, None]
+    assert [row[1] for row in stability(results).rows] == ["1e-14", "0.2", "stands still 1/1; 10 · 5"]
+
+
+def test_the_table_of_stability_says_first_what_is_worst():
+    results = made(
+        {
+            OURS: {},
+            "DLS": {"settling": None},
+            "LM": {"exceptions": 1, "violations": 2, "settling": None},
+            "SNS": {"violations": 2, "settling": None},
+            "QP": {"failed": "its process ended"},
+            "Pink": {"joints_deg": 0.0, "settling": None, "acceleration": 0.0, "mm": 5.0},
+        },
+        tasks=("a", "b"),
+        kind="singular",
+    )
+    results["runs"][1]["figures"]["settling"] = 1.0
+    assert dict(stability(results).rows) == {
+        OURS: "10 · 1",
+        "DLS": "not back 1/2; 10 · 1",
+        "LM": "raises 2/2; 10 · 1",
+        "SNS": "over limits 2/2; 10 · 1",
+        "QP": "fails 2/2",
+        "Pink": "stands still 2/2; 0 · 5",
+    }
+    assert stability(made({OURS: {}})).rows == ()
 
 
 @pytest.mark.parametrize("runs", [{OURS: {}}, {"DLS": {}, "LM": {"failed": "ended"}}, {OURS: {"failed": "ended"}}])
@@ -98,20 +147,37 @@ def test_few_results_are_a_page_all_the_same(runs, tmp_path):
 
 
 def test_one_task_file_is_a_panel():
-    assert point(measured(made({OURS: {}}, kind="task file")), OURS, "mm", 1e-3) == (10.0, pytest.approx(1.0))
+    assert point(measured(made({OURS: {}}, kind="task file")), mm("task file"), OURS) == (10.0, pytest.approx(1.0))
 
 
-def test_points_stand_at_their_values_by_the_marker_of_their_method():
-    names = [name for name in tables.names_of(KEPT) if name != "invariantqp in Python"]
-    assert len({marker_of(name, names) for name in names}) == len(names)
-    singular = [task for task in measured(KEPT) if task.kind == "singular"]
-    for name in names:
+def test_a_marker_is_of_one_method_whatever_was_measured():
+    assert len(set(MARKERS.values())) == len(MARKERS)
+    assert MARKERS.keys() == {method.name for method in methods_named(None)}
+
+
+def test_points_stand_at_their_values():
+    tasks = measured(KEPT)
+    singular = [task for task in tasks if task.kind == "singular"]
+    for name in MARKERS.keys() - {"J^{+h}"}:
         runs = [t.runs[name] for t in singular if name in t.runs]
         mean = math.prod(max(run["acceleration"], 1.0) for run in runs) ** (1.0 / len(runs))
-        time, value = point(singular, name, "acceleration", 1.0)
+        time, value = point(tasks, acceleration("singular"), name)
         assert value == pytest.approx(mean)
         assert time == tick_us(singular, name)[0]
-    assert point([], OURS, "mm", 1e-3) is None
+    assert point([], mm("free"), OURS) is None
+
+
+@pytest.mark.parametrize("failure", [{"exceptions": 1}, {"violations": 1}, {"joints_deg": 0.0, "mm": 100.0}])
+def test_a_method_that_fails_in_a_run_is_grey_there(failure):
+    tasks = measured(made({OURS: {}, "DLS": failure}))
+    assert [fails(tasks, mm("free"), name) for name in (OURS, "DLS")] == [False, True]
+    assert not fails(tasks, mm("limits"), "DLS")
+
+
+def test_every_panel_is_of_a_kind_of_task():
+    kinds = {task["kind"] for task in KEPT["tasks"]}
+    assert {panel.kind for panel in PANELS} <= kinds
+    assert [colour_of(moved, LIGHT) for moved in (None, 1e-14, 0.1)] == [LIGHT.text, LIGHT.same, LIGHT.other]
 
 
 class Tags(HTMLParser):
@@ -137,7 +203,7 @@ class Tags(HTMLParser):
 
 def test_the_page_is_well_formed_dark_where_its_reader_is_and_has_everything(tmp_path):
     draw(KEPT, tmp_path / "chart.svg")
-    page = html(KEPT, inline_svg(tmp_path / "chart.svg"))
+    page = html(KEPT, *[inline_svg(tmp_path / "chart.svg")] * 2)
     tags = Tags()
     tags.feed(page)
     assert tags.open == []
@@ -175,12 +241,11 @@ def test_the_committed_results_are_of_every_method_and_every_task():
 
 def test_the_committed_pages_are_what_the_command_would_write():
     pages = SimpleNamespace(**runpy.run_path(str(ROOT / "examples" / "shared" / "pages.py")))
-    page = (ROOT / "examples" / "guide" / "comparison.md").read_text("utf-8")
-    assert pages.with_section(page, pages.guide(KEPT)) == page
-    readme = (ROOT / "README.md").read_text("utf-8")
-    assert pages.with_section(readme, pages.markdown(lost_kinds(KEPT))) == readme
-    with pytest.raises(ValueError, match="no place for the comparison"):
-        pages.with_section("nothing", "x")
+    for page, name, section in pages.sections(KEPT):
+        text = page.read_text("utf-8")
+        assert pages.with_section(text, name, section) == text
+    with pytest.raises(ValueError, match="no place for a section"):
+        pages.with_section("nothing", "a", "x")
 
 
 @pytest.fixture(scope="module")
@@ -214,13 +279,27 @@ def test_a_task_of_one_s_own_is_compared_in_two_tool_frames(monkeypatch, capsys,
     assert call(monkeypatch, capsys, "compare", *words)[:2] == (0, "")
     found = json.loads((tmp_path / "results.json").read_text("utf-8"))
     assert [task["kind"] for task in found["tasks"]] == ["task file", "other tool frame"]
-    assert tables.frame_change(measured(found), OURS) < 1e-11
+    assert change(measured(found), OURS) < 1e-11
+
+
+def never(*_, **__):
+    raise AssertionError
+
+
+def full_disk(**_):
+    return Path("/dev/full").open("wb")
+
+
+def test_a_full_disk_is_told_before_the_work(monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr("invariantqp.workbench.compare.sweep.sweep", never)
+    monkeypatch.setattr("invariantqp.workbench.writing.TemporaryFile", full_disk)
+    words = ["--arms", "so101", "--kinds", "jump", "--out", str(tmp_path)]
+    status, out, err = call(monkeypatch, capsys, "compare", *words)
+    assert (status, out) == (3, "")
+    assert f"{tmp_path} could not be written: No space left on device" in " ".join(err.split())
 
 
 def test_a_place_that_cannot_be_written_is_told_before_the_work(monkeypatch, capsys):
-    def never(*_, **__):
-        raise AssertionError
-
     monkeypatch.setattr("invariantqp.workbench.compare.sweep.sweep", never)
     status, out, err = call(monkeypatch, capsys, "compare", "--arms", "so101", "--kinds", "jump", "--out", "/proc/x")
     assert status != 0

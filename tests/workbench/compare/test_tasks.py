@@ -6,7 +6,7 @@ import pytest
 import invariantqp as iq
 from invariantqp.errors import RobotModelError
 from invariantqp.robots.chain import Chain
-from invariantqp.workbench.compare.arms import STARTS, arm, random_arm, urdf
+from invariantqp.workbench.compare.arms import STARTS, arm, chain_of, random_arm, urdf
 from invariantqp.workbench.compare.method import LoopSpec
 from invariantqp.workbench.compare.tasks import COUNTS, KINDS, LATE, SINGULAR, STREAM, Maker, bed, from_file, joint_path
 
@@ -20,7 +20,8 @@ def tasks():
 
 def test_every_kind_is_on_every_arm(tasks):
     counts = {kind: sum(task.kind == kind for task in tasks.values()) for kind in KINDS}
-    assert counts == {kind: {"singular": 12, "turn": 10, "out of reach": 10}.get(kind, 5) for kind in KINDS}
+    others = {"singular": 12, "principal pitch": 2, "turn": 10, "out of reach": 10}
+    assert counts == {kind: others.get(kind, 5) for kind in KINDS}
     for task in tasks.values():
         n, m = task.noise.shape
         assert task.name.startswith(f"{task.arm}/")
@@ -113,6 +114,32 @@ def test_another_tool_frame_is_the_same_motion_of_the_same_arm(tasks):
         np.testing.assert_allclose((X @ [*task.spec.point, 1.0])[:3], plain.spec.point, atol=1e-12)
         assert task.spec.length == plain.spec.length
         assert task.desired is task.original.desired
+
+
+def test_in_millimetres_it_is_the_same_motion_of_the_same_arm(tasks):
+    for name in STARTS:
+        task, plain = tasks[f"{name}/other unit"], tasks[f"{name}/limits"]
+        metres = np.array([1e-3, 1e-3, 1e-3])
+        q = 0.5 * (plain.spec.lower.clip(-3.0) + plain.spec.upper.clip(max=3.0))
+        pose, then = chain_of(plain.spec).pose(q), chain_of(task.spec).pose(q)
+        np.testing.assert_allclose(metres * then[:3, 3], pose[:3, 3], atol=1e-12)
+        np.testing.assert_allclose(metres * task.targets[:, :3, 3], plain.targets[:, :3, 3], atol=1e-12)
+        np.testing.assert_allclose(task.feedforward, plain.feedforward * [1.0, 1.0, 1.0, 1e3, 1e3, 1e3])
+        assert task.spec.length == 1e3 * plain.spec.length
+        assert task.desired is task.original.desired
+
+
+def test_the_pseudoinverse_does_not_exist_half_way_at_the_principal_pitch(tasks):
+    for name in ("so101", "random4"):
+        task, maker = tasks[f"{name}/principal pitch"], Maker(name, SEED)
+        pitch = task.spec.law["form"]
+        half, end = 0.5 * (maker.q0 + maker.path_end), maker.path_end
+        assert not iq.has_pseudoinverse(maker.robot.jacobian(half), pitch)
+        assert iq.has_pseudoinverse(maker.robot.jacobian(end), pitch) == (name == "random4")
+        off = np.linalg.norm(
+            (task.targets - maker.poses(joint_path([maker.q0, end], 3.0, 0.005, rest=1.0)))[:, :3, 3], axis=1
+        )
+        assert off.max() == pytest.approx(0.005)
 
 
 def test_what_methods_are_given_survives_json(tasks):
