@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
+import re
+import sys
 import webbrowser
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -36,7 +38,11 @@ if TYPE_CHECKING:
     from invariantqp.workbench.runs.run import Observer
     from invariantqp.workbench.runs.taskfile import Task
     from invariantqp.workbench.runs.trace import PathTrace, Trace
-    from invariantqp.workbench.view.server import Viewer
+
+# Environment variables of sessions without this machine's screen.
+REMOTE = ("CI", "SSH_CONNECTION", "SSH_TTY")
+# Environment variables of sessions with a screen on Linux and the BSDs.
+SCREEN = ("DISPLAY", "WAYLAND_DISPLAY")
 
 
 class ViewAlone(TyperCommand):
@@ -57,7 +63,6 @@ class ViewAlone(TyperCommand):
 
 
 def run(
-    ctx: typer.Context,
     task: Annotated[str, typer.Argument(help="A task file, or the name of one that comes with the package.")],
     json_file: JsonFile = None,
     plot: Annotated[
@@ -65,9 +70,7 @@ def run(
     ] = None,
     view: Annotated[
         str | None,
-        typer.Option(
-            metavar="[FILE]", help="Watch in a browser; with a FILE, or without a screen, write an .html page."
-        ),
+        typer.Option(metavar="[FILE]", help="Write the run as an .html page; without a FILE, TASK.html, and open it."),
     ] = None,
     backend: Annotated[
         str | None, typer.Option(metavar="NAME", help="QP solver: daqp, osqp, or any that qpsolvers has.")
@@ -99,57 +102,59 @@ def run(
         require("pictures", "matplotlib")
     if physics == "mujoco":
         require("sim", "mujoco")
-    page, viewer = _view_of(ctx, problem, view, quiet)
+    page = _page_of(problem, view)
     overrides: dict[str, Any] = {} if backend is None else {"backend": backend}
     with progress("running", quiet) as report:
-        observer = _observer(report, viewer, problem.ticks)
+        observer = None if report is None else _observer(report, problem.ticks)
         trace = run_task(problem, physics=physics, observer=observer, **overrides)
     _write(trace, json_file, plot, page)
-    if page is not None and not view and not quiet:
-        say(f"no display: the view is written to {page}")
+    if page is not None and not view:
+        _open(page, quiet)
     if not quiet:
         print_run(trace)
     if check_frame:
         print_frame_check(trace, seed or 0)
-    if viewer is not None:
-        _play(viewer, trace, quiet)
     if not trace.passed:
         raise NotAccepted(trace.shortfalls)
 
 
-def _observer(report: Callable[[int, int], None] | None, viewer: Viewer | None, ticks: int) -> Observer:
-    """An observer that updates a progress bar and a browser."""
+def _observer(report: Callable[[int, int], None], ticks: int) -> Observer:
+    """An observer that updates a progress bar."""
 
-    def observer(tick: int, state: PlantState, solution: VelocitySolution) -> None:
-        if report is not None:
-            report(min(tick + 1, ticks), ticks)
-        if viewer is not None:
-            viewer.watch(tick, state, solution)
+    def observer(tick: int, _state: PlantState, _solution: VelocitySolution) -> None:
+        report(min(tick + 1, ticks), ticks)
 
     return observer
 
 
-def _view_of(ctx: Any, task: Task, view: str | None, quiet: bool) -> tuple[Path | None, Viewer | None]:
-    """The page to write or the viewer that serves the run from now on; neither without --view."""
+def _page_of(task: Task, view: str | None) -> Path | None:
+    """The page to write; None without --view."""
     if view is None:
-        return None, None
+        return None
     require("pictures", "jinja2")
-    from invariantqp.workbench.view.server import Viewer, has_display, is_remote, page_name
+    page = Path(view or page_name(task))
+    writable("--view", page, PAGES)
+    return page
 
-    remote = is_remote()
-    if view or not (has_display() or remote):
-        page = Path(view or page_name(task))
-        writable("--view", page, PAGES)
-        return page, None
-    viewer = Viewer(task)
-    ctx.call_on_close(viewer.close)
-    if remote:
-        say(f"on your machine: {viewer.tunnel}")
-    else:
-        webbrowser.open(viewer.url)
-    if remote or not quiet:
-        say(f"the view is at {viewer.url}")
-    return None, viewer
+
+def page_name(task: Task) -> str:
+    """The default file name of the page of a task."""
+    return f"{re.sub(r'[^A-Za-z0-9._-]+', '_', task.name)}.html"
+
+
+def has_display() -> bool:
+    """Whether this session has a screen."""
+    if any(os.environ.get(name) for name in REMOTE):
+        return False
+    return sys.platform in ("darwin", "win32") or any(os.environ.get(name) for name in SCREEN)
+
+
+def _open(page: Path, quiet: bool) -> None:
+    """Open a page in a browser where there is a screen."""
+    if not quiet:
+        say(f"the view is written to {page}")
+    if has_display():
+        webbrowser.open(page.resolve().as_uri())
 
 
 def _write(trace: Trace, json_file: Path | None, plot: Path | None, page: Path | None) -> None:
@@ -166,14 +171,6 @@ def _write(trace: Trace, json_file: Path | None, plot: Path | None, page: Path |
         from invariantqp.workbench.view.timeline import timeline_of
 
         write(page, page_of(timeline_of(trace)))
-
-
-def _play(viewer: Viewer, trace: Trace, quiet: bool) -> None:
-    """Serve a finished run until Ctrl-C."""
-    with suppress(KeyboardInterrupt):
-        if not quiet:
-            say("playing; Ctrl-C ends it")
-        viewer.play(trace)
 
 
 def print_run(trace: Trace) -> None:

@@ -1,1 +1,1 @@
-"""Views of a run: a page served while it runs, or one HTML file that needs nothing else."""
+"""The view of a run: one HTML file that needs nothing else."""

@@ -7,8 +7,10 @@ const written = x => {
 };
 
 class Chart {
-  constructor(side, chart, seek) {
-    const head = this.head = side.appendChild(document.createElement("h2"));
+  // A chart's curves, the times of the frames, in which of them a limit is active, and when the run ends.
+  constructor(side, chart, { time, limited, last }, seek) {
+    Object.assign(this, { chart, time, limited, last });
+    const head = side.appendChild(document.createElement("h2"));
     head.append(chart.title);
     if (chart.keyed) chart.names.forEach((name, i) => {
       const key = head.appendChild(document.createElement("small"));
@@ -24,11 +26,6 @@ class Chart {
     this.canvas.addEventListener("pointerdown", e => { this.canvas.setPointerCapture(e.pointerId); at(e); });
     this.canvas.addEventListener("pointermove", e => { if (e.buttons) at(e); });
   }
-
-  // The curves, when they are, where a limit is active, and when the run ends.
-  show(chart, time, limited, last) { Object.assign(this, { chart, time, limited, last }); this.layout(); }
-
-  remove() { this.head.remove(); this.canvas.remove(); }
 
   // The vertical axis: [low, high, ticks], as exponents of ten if it is logarithmic.
   axis() {

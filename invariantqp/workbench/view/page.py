@@ -39,15 +39,14 @@ PLAIN = (
 )
 
 
-def page(timeline: Timeline, *, live: bool = False) -> str:
-    """The text of the page; a live page polls its server for the run."""
-    files = (*SCRIPTS, "live.js") if live else SCRIPTS
-    scripts = [(resources.files(__package__) / name).read_text(encoding="utf-8") for name in files]
+def page(timeline: Timeline) -> str:
+    """The text of the page."""
+    scripts = [(resources.files(__package__) / name).read_text(encoding="utf-8") for name in SCRIPTS]
     parts = [
         {**part._asdict(), "vertices": _pack(part.vertices), "faces": _pack(part.faces, "<u2")}
         for part in timeline.appearance.parts
     ]
-    run = {**drawn(timeline), "live": live, "parts": parts}
+    run = {**_content(timeline), "parts": parts}
     values = {"title": timeline.title, "about": timeline.about, "run": run, "scripts": scripts}
     return fill_template("invariantqp.workbench.view", "page.html", values)
 
@@ -66,12 +65,11 @@ def animation(trace: Trace, file: Path | str) -> Path:
     return Path(file)
 
 
-def drawn(timeline: Timeline) -> dict[str, Any]:
+def _content(timeline: Timeline) -> dict[str, Any]:
     """The content of a page as JSON, without the arm's appearance."""
     named = {name: a for name in ARRAYS if (a := getattr(timeline, name)) is not None}
     named |= {"path": timeline.wanted[:, :3, 3], "faces": timeline.surroundings.faces}
     return {
-        "live": False,
         "duration": float(timeline.time[-1]),
         "error_title": ERROR,
         "colours": colours(len(timeline.joints)),

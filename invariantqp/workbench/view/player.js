@@ -5,9 +5,9 @@ const decoded = (a, kind = Float32Array) => {
   const bytes = Uint8Array.from(atob(a.data), c => c.charCodeAt(0));
   return { shape: a.shape, data: new kind(bytes.buffer) };
 };
-const first = JSON.parse($("run").textContent);
-// What is drawn; while a run is running it is loaded again and again.
-let run, arrays, time, last, frames, limited, path, drawn, solids, faces, charts = [];
+const run = JSON.parse($("run").textContent);
+const arrays = Object.fromEntries(Object.entries(run.arrays).map(([name, a]) => [name, decoded(a)]));
+const { time: { data: time } } = arrays, frames = time.length, { duration: last, limit_active: limited } = run;
 
 // The numbers of an array in one frame, and interpolated between two frames.
 const row = (name, i) => {
@@ -27,50 +27,35 @@ const frameAt = t => {
 };
 
 const state = { t: 0, playing: false, rate: 1 };
-const fixed = name => decoded(first.arrays[name]).data;
-const arm = new Arm(fixed("screws"), first.coordinates, first.drivers, fixed("places"), Array.from(fixed("home")));
+const fixed = name => arrays[name].data;
+const arm = new Arm(fixed("screws"), run.coordinates, run.drivers, fixed("places"), Array.from(fixed("home")));
 // Where the arm is in a frame, whole or between two; of recorded poses alone the tool is all there is.
 const armAt = f => {
-  if (first.joints.length) return arm.at(between("q", f));
+  if (run.joints.length) return arm.at(between("q", f));
   const tool = between("wanted", f);
   return { motions: [], points: [originOf(tool)], axes: [], tool };
 };
-const r = first.size, painter = new Painter($("view"), [first.centre, r]);
-const parts = (painter.hardware ? first.parts : []).map(part => {
+const r = run.size, painter = new Painter($("view"), [run.centre, r]);
+const parts = (painter.hardware ? run.parts : []).map(part => {
   const vertices = decoded(part.vertices).data, faces = decoded(part.faces, Uint16Array).data;
   return { ...part, vertices, faces, normals: smooth(vertices, faces) };
 });
-const floor = first.floor - 0.01 * r;
-const bars = new Bars($("joints"), { ...first, limits: fixed("limits"), speedLimit: fixed("speed_limit") });
-if (!first.joints.length) $("joints").previousElementSibling.hidden = $("joints").hidden = true;
+const floor = run.floor - 0.01 * r;
+const bars = new Bars($("joints"), { ...run, limits: fixed("limits"), speedLimit: fixed("speed_limit") });
+if (!run.joints.length) $("joints").previousElementSibling.hidden = $("joints").hidden = true;
+const path = triples([...fixed("path")]), faces = triples([...fixed("faces")]);
+const drawn = Array.from({ length: frames }, (_, i) => originOf(armAt(i).tool));
+const solids = run.solids.map(({ joint, faces, poses }) => ({
+  joint, faces: triples([...decoded(faces).data]), poses: poses && decoded(poses).data }));
+const charts = run.charts.map(c => {
+  c.values = decoded(c.values);
+  return new Chart($("side"), c, { time, limited, last }, t => { play(false); seek(t); });
+});
 const caption = $("side").appendChild(document.createElement("p"));
+caption.textContent = limited.some(Boolean) ? "time [s]; shaded where a limit is active" : "time [s]";
+$("time").max = last;
 
-function load(next) {
-  run = next;
-  arrays = Object.fromEntries(Object.entries(run.arrays).map(([name, a]) => [name, decoded(a)]));
-  ({ data: time } = arrays.time);
-  [last, frames, limited] = [run.duration, time.length, run.limit_active];
-  path = triples([...arrays.path.data]);
-  faces = triples([...arrays.faces.data]);
-  drawn = Array.from({ length: frames }, (_, i) => originOf(armAt(i).tool));
-  const ends = [Math.min, Math.max].map(pick => [0, 1, 2].map(i => drawn.reduce((a, p) => pick(a, p[i]), drawn[0][i])));
-  painter.lookAt(mix(...ends, 0.5), norm(add(...ends, -1)) / 2);
-  solids = run.solids.map(({ joint, faces, poses }) => ({
-    joint, faces: triples([...decoded(faces).data]), poses: poses && decoded(poses).data }));
-  if (charts.map(c => c.chart.title).join() !== run.charts.map(c => c.title).join()) {
-    for (const chart of charts) chart.remove();
-    charts = run.charts.map(c => new Chart($("side"), c, t => { play(false); seek(t); }));
-  }
-  run.charts.forEach((c, i) => { c.values = decoded(c.values); charts[i].show(c, time, limited, last); });
-  if (run.about) $("about").textContent = run.about;
-  $("time").max = last;
-  for (const control of ["play", "time", "speed"]) $(control).disabled = run.live;
-  caption.textContent = limited.some(Boolean) ? "time [s]; shaded where a limit is active" : "time [s]";
-  $("side").append(caption);
-  key();
-}
-
-const HUES = { ...Object.fromEntries(Object.entries(first.hues).map(([name, hue]) => [name, rgb(hue)])),
+const HUES = { ...Object.fromEntries(Object.entries(run.hues).map(([name, hue]) => [name, rgb(hue)])),
   dark: rgb("#4a5764"), touched: rgb("#cdbb9f") };
 const keyed = (hue, words) => `<span><i style="color:${run.hues[hue]}"></i>${words}</span> `;
 function key() {
@@ -80,7 +65,7 @@ function key() {
     + (solids.length ? keyed("body", "bodies kept apart") : "")
     + (matchMedia("(pointer: coarse)").matches ? "<br>drag: turn, two fingers: zoom"
       : "<br>drag: turn, shift-drag: move, wheel: zoom, double click: near and far");
-  if (first.missing) $("key").append(document.createElement("br"), first.missing);
+  if (run.missing) $("key").append(document.createElement("br"), run.missing);
 }
 
 function triad(T, length, width, alpha, names) {
@@ -161,19 +146,16 @@ function draw() {
     const { data } = error.values;
     lines.push(`error  ${written(data[i])} mm, ${written(data[frames + i])} deg`);
   }
-  const waits = !run.recorded && !run.status[i];
-  if (!run.recorded) lines.push(waits ? "waiting for the run" : `status ${run.status[i]}`);
+  if (!run.recorded) lines.push(`status ${run.status[i]}`);
   if (limited[i]) lines.push("limit active");
   if (arrays.force) {
     const push = between("force", f), size = norm(push), at = originOf(tool);
     lines.push(`force  ${size.toFixed(2)} N`);
     arrow(at, push, run.force_scale, HUES.force, `${size.toFixed(1)} N`);
   }
-  if (!waits) {
-    const going = between("travel", f), pace = `${written(1000 * norm(going))} mm/s`;
-    lines.push(`speed  ${pace}`);
-    arrow(originOf(tool), going, run.travel_scale, HUES.travel, pace);
-  }
+  const going = between("travel", f), pace = `${written(1000 * norm(going))} mm/s`;
+  lines.push(`speed  ${pace}`);
+  arrow(originOf(tool), going, run.travel_scale, HUES.travel, pace);
   painter.end();
   $("status").replaceChildren(...lines.map(words => {
     const line = document.createElement("span");
@@ -226,9 +208,11 @@ addEventListener("keydown", e => {
 });
 addEventListener("resize", layout);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", layout);
-load(first);
+const ends = [Math.min, Math.max].map(pick => [0, 1, 2].map(i => drawn.reduce((a, p) => pick(a, p[i]), drawn[0][i])));
+painter.lookAt(mix(...ends, 0.5), norm(add(...ends, -1)) / 2);
+key();
 setRate();
 layout();
 // page.html#2.5 opens at 2.5 s and does not play; without a number the page plays.
 const moment = location.hash.length > 1 ? Number(location.hash.slice(1)) : NaN;
-if (run.live) follow(); else if (Number.isFinite(moment)) seek(moment); else play(true);
+if (Number.isFinite(moment)) seek(moment); else play(true);

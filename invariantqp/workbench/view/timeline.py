@@ -85,10 +85,6 @@ class Timeline:
         low, high = self._box()
         return 0.5 * float(np.linalg.norm(high - low))
 
-    def frame(self, t: float) -> int:
-        """The frame nearest to a time [s]."""
-        return int(np.abs(self.time - t).argmin())
-
     @property
     def floor(self) -> float:
         """Height of the lowest point of the arm [length]."""

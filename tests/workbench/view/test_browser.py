@@ -1,7 +1,6 @@
-"""The page and the server as a person sees them: in a real Chromium, without a screen and without a network."""
+"""The page as a person sees it: in a real Chromium, without a screen and without a network."""
 
 import shutil
-import threading
 import time
 from io import BytesIO
 
@@ -190,43 +189,3 @@ def test_time_can_be_dragged_and_the_picture_follows(opened):
     webdriver.ActionChains(opened).drag_and_drop_by_offset(view, 80, 30).perform()
     assert view.screenshot_as_png != turned
     assert errors(opened) == []
-
-
-def test_the_served_page_follows_the_run_and_plays_it(browser):
-    minute = {"path": {**TASK["path"], "duration": 60.0}, "law": {"dt": 0.1}}
-    viewer = iq.workbench.Viewer(task_from({**TASK, **minute}, "a minute"), port=0)
-    goes_on = threading.Event()
-
-    def watch(tick, state, solution):
-        viewer.watch(tick, state, solution)
-        if tick == 199:
-            goes_on.wait(60.0)
-
-    task = task_from({**TASK, **minute}, "a minute")
-    serving = threading.Thread(target=lambda: viewer.play(iq.run_task(task, observer=watch)))
-    try:
-        browser.get("about:blank")
-        browser.get_log("browser")
-        browser.get(viewer.url)
-        assert browser.find_element("id", "status").text.endswith("waiting for the run")
-        serving.start()
-        assert until(lambda: clock(browser) == 20.0)
-        assert not browser.find_element("id", "play").is_enabled()
-        assert "status ok" in browser.find_element("id", "status").text
-        titles = [head.text for head in browser.find_elements("css selector", "aside h2")]
-        assert titles == ["joints", "joint position / range", "joint velocity / limit"]
-        assert colours(browser.find_element("id", "view").screenshot_as_png) > COLOURFUL
-        goes_on.set()
-        button = browser.find_element("id", "play")
-        assert until(lambda: button.is_enabled() and button.text == "Pause")
-        assert "Accepted" in browser.find_element("id", "about").text
-        assert len(browser.find_elements("css selector", ".chart")) == 3
-        assert until(lambda: 0.0 < clock(browser) < 20.0)  # from the start on
-        button.click()
-        assert "error" in browser.find_element("id", "status").text
-        assert errors(browser) == []
-    finally:
-        goes_on.set()
-        viewer.close()
-        serving.join(timeout=5.0)
-    assert not serving.is_alive()

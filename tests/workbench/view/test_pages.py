@@ -1,15 +1,11 @@
-"""What a viewer is given to draw, the page that draws it alone, and the command."""
+"""The timeline of a run, and the page that draws it."""
 
 import base64
 import json
 import re
-import socket
-import threading
-import urllib.request
 from dataclasses import replace
 from html import unescape
 from itertools import pairwise
-from urllib.error import HTTPError
 
 import numpy as np
 import pinocchio as pin
@@ -22,7 +18,7 @@ from invariantqp.workbench.pictures import charts
 from invariantqp.workbench.pictures.charts import extremes
 from invariantqp.workbench.runs.scene import scene_of
 from invariantqp.workbench.runs.taskfile import task_from
-from invariantqp.workbench.view.page import drawn, page
+from invariantqp.workbench.view.page import page
 from invariantqp.workbench.view.timeline import arm_in, timeline_before, timeline_of
 
 
@@ -223,6 +219,14 @@ def test_the_force_of_a_film_is_the_runs(monkeypatch):
     np.testing.assert_array_equal(unpacked(run["arrays"]["faces"]), timeline.surroundings.faces.astype("f4"))
 
 
+def test_a_moving_obstacle_is_where_it_is_in_each_frame():
+    moves = {"kind": "sphere", "at": [1.0, 1.0, 1.0], "radius": 0.1, "moves": [0.0, 0.4, 0.0], "period": 2.0}
+    body = [{"link": "tool", "a": [0.0, 0.0, 0.0], "b": [0.0, 0.0, -0.1], "radius": 0.05}]
+    timeline = timeline_of(iq.run_task(task_from({**TASK, "obstacle": [moves], "clearance": {"body": body}}, "moving")))
+    (poses,) = (solid.poses for solid in timeline.solids if solid.poses is not None)
+    np.testing.assert_allclose(poses[:, 1, 3], 1.0 + 0.2 * (1.0 - np.cos(np.pi * timeline.time)), atol=2e-3)
+
+
 def test_before_a_run_in_touch_the_path_waits():
     timeline = timeline_before(touched(kind="point"))
     assert timeline.time[-1] == 0.8
@@ -282,9 +286,7 @@ def test_arrows_are_scaled_by_the_run_but_not_by_rest(timeline, task):
     slowest, longest = timeline.travel_scale
     assert longest == pytest.approx(np.percentile(np.linalg.norm(timeline.travel, axis=1), 99))
     assert slowest == pytest.approx(2e-4 * timeline.size)
-    assert timeline_before(task).travel_scale[1] == pytest.approx(
-        longest, rel=0.05
-    )  # the path's, while the run is running
+    assert timeline_before(task).travel_scale[1] == pytest.approx(longest, rel=0.05)  # before the run, the path's
     resting = replace(timeline, travel=1e-6 * timeline.travel, force=1e-6 * timeline.travel)
     assert resting.travel_scale == (slowest, 10.0 * slowest)
     assert resting.force_scale == pytest.approx((0.05, 0.5))
@@ -329,104 +331,3 @@ def test_joints_without_limits_are_drawn_without(tmp_path):
 def test_a_page_that_cannot_be_written_says_so(trace, tmp_path):
     with pytest.raises(iq.BadInput, match="expected a file that can be written"):
         iq.workbench.animation(trace, tmp_path)
-
-
-# The server
-
-
-def answered(viewer, where=""):
-    """Status, text and tag of what the server answers."""
-    with urllib.request.urlopen(f"{viewer.url}/{where}") as answer:
-        return answer.status, answer.read().decode(), answer.headers["ETag"]
-
-
-def test_a_run_is_served_while_it_is_running_and_after(task, trace, timeline):
-    viewer, during = iq.workbench.Viewer(task, port=0), []
-    try:
-        before = json.loads(read(answered(viewer)[1]).scripts[0])
-        assert before["live"]
-        assert answered(viewer, "run?")[0] == 204
-        np.testing.assert_array_equal(unpacked(before["arrays"]["q"])[0], np.float32(task.start()))
-
-        def watch(tick, state, solution):
-            viewer.watch(tick, state, solution)
-            if tick == 59:
-                during.append(answered(viewer, "run?"))
-
-        iq.run_task(task, observer=watch)
-        status, text, tag = during[0]
-        seen = json.loads(text)
-        assert (status, tag, seen["live"], "parts" in seen) == (200, "60", True, False)
-        assert seen["duration"] == pytest.approx(1.0)
-        np.testing.assert_allclose(unpacked(seen["arrays"]["time"]), trace.time[:61], rtol=1e-6)
-        np.testing.assert_allclose(unpacked(seen["arrays"]["q"]), trace.q[:61], rtol=1e-6)
-        np.testing.assert_allclose(unpacked(seen["arrays"]["speed"])[1:], trace.velocity[:60], rtol=1e-6)
-        np.testing.assert_allclose(unpacked(seen["arrays"]["wanted"])[-1, :3, 3], trace.wanted[60, :3, 3], atol=1e-3)
-        assert [c["title"] for c in seen["charts"]] == [c.title for c in timeline.charts[1:]]
-        assert seen["status"] == [trace.statuses[0], *trace.statuses[:60]]
-        viewer.show(timeline)
-        status, text, tag = answered(viewer, "run?60")
-        assert (status, tag) == (200, "done")
-        assert json.loads(text) == {**json.loads(json.dumps(drawn(timeline))), "about": timeline.about}
-        assert answered(viewer, "run?done")[:2] == (204, "")
-        assert answered(viewer)[1] == page(timeline)
-        with pytest.raises(HTTPError, match="404"):
-            answered(viewer, "../setup")
-    finally:
-        viewer.close()
-
-
-def test_obstacles_are_where_they_are_while_a_run_is_running():
-    moves = {"kind": "sphere", "at": [1.0, 1.0, 1.0], "radius": 0.1, "moves": [0.0, 0.4, 0.0], "period": 2.0}
-    body = [{"link": "tool", "a": [0.0, 0.0, 0.0], "b": [0.0, 0.0, -0.1], "radius": 0.05}]
-    task = task_from({**TASK, "obstacle": [moves], "clearance": {"body": body}}, "moving")
-    viewer, during = iq.workbench.Viewer(task, port=0), []
-
-    def watch(tick, state, solution):
-        viewer.watch(tick, state, solution)
-        if tick == 49:
-            during.append(json.loads(viewer.update("")[1]))
-
-    try:
-        iq.run_task(task, observer=watch)
-    finally:
-        viewer.close()
-    poses = [unpacked(solid["poses"]).reshape(-1, 3, 4) for solid in during[0]["solids"] if solid["poses"]]
-    time = unpacked(during[0]["arrays"]["time"])
-    assert [len(T) for T in poses] == [len(time)] == [51]
-    np.testing.assert_allclose(poses[0][:, 1, 3], 1.0 + 0.2 * (1.0 - np.cos(np.pi * time)), atol=2e-3)
-
-
-def test_a_port_that_is_taken_is_left_alone(task):
-    with socket.socket() as other:
-        other.bind(("127.0.0.1", 0))
-        other.listen()
-        taken = other.getsockname()[1]
-        viewer = iq.workbench.Viewer(task, port=taken)
-        viewer.close()
-        assert int(viewer.url.rsplit(":", 1)[1]) > taken
-
-
-@pytest.mark.parametrize("port", [-1, 65536, "8080", 80.5])
-def test_a_port_that_there_is_not_is_refused(task, port):
-    with pytest.raises(iq.BadInput, match="port: found"):
-        iq.workbench.Viewer(task, port=port)
-
-
-def test_a_server_starts_serves_and_stops(task, trace, capfd):
-    viewer = iq.workbench.Viewer(task, port=0)
-    port = int(viewer.url.rsplit(":", 1)[1])
-    try:
-        iq.run_task(task, observer=viewer.watch)
-        with urllib.request.urlopen(viewer.url) as answer:
-            assert answer.status == 200
-            assert b"<title>short</title>" in answer.read()
-        serving = threading.Thread(target=viewer.play, args=(trace,))
-        serving.start()
-    finally:
-        viewer.close()
-    serving.join(timeout=5.0)
-    assert not serving.is_alive()
-    with socket.socket() as probe:
-        assert probe.connect_ex(("127.0.0.1", port)) != 0
-    assert capfd.readouterr() == ("", "")
