@@ -121,7 +121,7 @@ def commands():
     lines = [line for block in SHELL for line in block.splitlines()]
     lines += [" ".join(code.split()) for code in re.findall(r"`([^`]+)`", PROSE)]
     for line in lines:
-        found = re.match(r"(?:\.venv/bin/)?invariantqp (run|inspect|tasks|compare)\b(.*?)(  .*)?$", line)
+        found = re.match(r"(?:\.venv/bin/)?invariantqp (run|inspect|tasks|compare|drag)\b(.*?)(  .*)?$", line)
         if found:
             yield found[1], shlex.split(found[2])
 
@@ -133,14 +133,14 @@ MEANT = {"TASK": "short.toml", "ROBOT": "so101"}
 
 
 def test_commands_are_found():
-    assert {name for name, *_ in COMMANDS} == {"run", "inspect", "tasks", "compare"}
+    assert {name for name, *_ in COMMANDS} == {"run", "inspect", "tasks", "compare", "drag"}
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
 def test_a_command_runs(command, tmp_path, monkeypatch, capsys):
     """Those that take minutes are asked for their help, with the same options."""
     words = [MEANT.get(word, word) for word in command]
-    if command[0] == "compare" or "mujoco" in command or command in (("run",), ("inspect",)):
+    if command[0] in {"compare", "drag"} or "mujoco" in command or command in (("run",), ("inspect",)):
         words = [words[0], "--help"]
     (tmp_path / "short.toml").write_text(SHORT, encoding="utf-8")
     monkeypatch.chdir(tmp_path)

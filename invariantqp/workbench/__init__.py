@@ -1,7 +1,7 @@
 """The workbench: what looks at the library and compares it, on top of it.
 
 Holds: task files and their runs in closed loop (`runs`), other methods on the same tasks (`compare`), properties of an
-arm before it moves (`analysis`), charts (`pictures`), pages (`view`), the command line (`cli`).
+arm before it moves (`analysis`), charts (`pictures`), pages (`view`), arms to drag (`drag`), the command line (`cli`).
 In: a robot, a task, a trace. Out: figures, files, pages.
 The library does not import it (an import contract). `iq.load_task`, `iq.run_task` and `iq.tasks` are loaded from here.
 """

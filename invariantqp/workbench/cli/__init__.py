@@ -18,6 +18,7 @@ from invariantqp.errors import BadInput, InvariantQPError
 from invariantqp.version import __version__
 from invariantqp.workbench.cli.compare import compare
 from invariantqp.workbench.cli.console import HELP, Exit, NotAccepted, NotWritten, say, writable, write
+from invariantqp.workbench.cli.drag import drag
 from invariantqp.workbench.cli.identify import identify
 from invariantqp.workbench.cli.inspect import inspect
 from invariantqp.workbench.cli.run import ViewAlone, run
@@ -129,13 +130,14 @@ app.command(cls=ViewAlone, epilog=HELP)(run)
 app.command(epilog=HELP)(inspect)
 app.command(epilog=HELP)(identify)
 app.command(epilog=HELP)(compare)
+app.command(epilog=HELP)(drag)
 
 
 @app.command(epilog=HELP)
 def new(
     task: Annotated[str, typer.Argument(help="What the task is called, or TASK.toml, the file it is written to.")],
     robot: Annotated[str, typer.Option(metavar="ROBOT", help="A robot's name, or a URDF or MJCF file.")] = "panda",
-    path: Annotated[str, typer.Option(metavar="KIND", help="line, circle, screw, joints or hold.")] = "line",
+    path: Annotated[str, typer.Option(metavar="KIND", help="line, circle, screw, joints, hold or poses.")] = "line",
     contact: Annotated[
         str | None, typer.Option(metavar="KIND", help="point, edge, face or hinge; without contact if left out.")
     ] = None,

@@ -30,6 +30,7 @@ PATH_EXAMPLES: dict[str, dict[str, Any]] = {
     "screw": {"axis": [0.0, 0.0, 1.0], "point": [-0.1, 0.0, 0.0], "angle": 0.3},
     "joints": {},
     "hold": {"move": [0.0, 0.0, -0.01]},
+    "poses": {"poses": [[0.0, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.2, 0.0, 0.0, -0.02]]},
 }
 # The column of the comment on a key, and the longest line.
 COMMENT_COLUMN, WIDTH = 42, 120
@@ -43,7 +44,7 @@ def new_task(name: str, robot: str, *, path: str = "line", contact: str | None =
         name: of the task.
         robot: a known name, or the path of a URDF or MJCF; it starts in the best-conditioned of a few states around the
             middle of its range.
-        path: kind of path: "line", "circle", "screw", "joints" or "hold".
+        path: kind of path: "line", "circle", "screw", "joints", "hold" or "poses".
         contact: kind of contact: "point", "edge", "face" or "hinge"; None is no contact.
     """
     for argument, text in (("name", name), ("robot", robot)):

@@ -1,4 +1,6 @@
-"""The [path] table: paths of the tool in the base frame. All but `hold` start and end at rest, by minimum jerk:
+"""The [path] table: paths of the tool in the base frame.
+
+All but `hold` and `poses` start and end at rest, by minimum jerk:
 
     sigma(t) = 10 u^3 - 15 u^4 + 6 u^5,   u = t / duration clipped to [0, 1]
 
@@ -8,6 +10,7 @@ A path starts at the tool's pose at the start of the run.
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -166,7 +169,31 @@ class HoldPath(_Path):
         return lambda t: there if self.begin <= t < end else T0
 
 
-Path = Annotated[LinePath | CirclePath | ScrewPath | JointsPath | HoldPath, Field(discriminator="kind")]
+class PosesPath(_Path):
+    """Poses at equal intervals, as they were recorded, by the screw motion from each to the next."""
+
+    kind: Literal["poses"]
+    poses: Annotated[list[Annotated[list[Number], Field(min_length=6, max_length=6)]], Field(min_length=2)] = Field(
+        description="from the start, in base axes: rotation vector [rad], displacement [m]",
+        examples=[[[0.0, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.2, 0.0, 0.0, -0.05]]],
+    )
+
+    def along(self, robot: Robot, start: Array) -> PoseAt:
+        """The pose at a time, for a robot that starts at joint positions `start`."""
+        T0 = robot.pose(start)
+        poses = np.array([_displaced(T0, np.array(pose[3:]), np.array(pose[:3])) for pose in self.poses])
+        moves = [se3.log(after @ se3.inverse(before)) for before, after in pairwise(poses)]
+
+        def pose(t: float) -> Array:
+            at = min(max(t / self.duration, 0.0), 1.0) * len(moves)
+            i = min(int(at), len(moves) - 1)
+            T: Array = se3.exp((at - i) * moves[i]).dot(poses[i])
+            return T
+
+        return pose
+
+
+Path = Annotated[LinePath | CirclePath | ScrewPath | JointsPath | HoldPath | PosesPath, Field(discriminator="kind")]
 
 
 def _progress(u: float, there_and_back: bool) -> float:
