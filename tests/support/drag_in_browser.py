@@ -198,30 +198,35 @@ def pictures(folder):
             page.close()
 
 
-def film(file, seconds=7.0, rate=10.0):
-    """A UR5 and its ghosts through a singularity and back, a frame every 1 / rate [s] of their time."""
-    page = DragPage(Session(iq.load_robot("ur5"), "ur5", methods_named(["Moore-Penrose", "DLS"])), port=0)
+def film(file, seconds=5.0, rate=5.0):
+    """The five joints of SITUATIONS go and come back, with ghosts, a frame every 1 / rate [s] of their time."""
+    _, arm, settings, move, turn = SITUATIONS[3]
+    page = DragPage(Session(iq.load_robot(arm), arm, methods_named(["Moore-Penrose", "DLS"])), port=0)
     session, frames = page.session, []
+    page._exact.value = settings.exact
+    page._request()
     page._closed.set()
     page._thread.join()  # from here on this function runs the loop
+    session.advance(0.02)
     page._write()
-    chrome = opened(page, 1280, 720)
+    chrome = opened(page, 960, 540)
     for close in chrome.find_elements("css selector", ".mantine-Notification-closeButton"):
         close.click()
     start = session.robot.pose(session.start)
     for _ in range(round(seconds * rate)):
         for _ in range(round(1.0 / (rate * 0.02))):
             share = np.sin(np.pi * session.time / seconds) ** 2
-            session.target = start.copy()
-            session.target[:3, 3] += share * np.array(SITUATIONS[1][3])
+            target = start @ iq.exp([0.0, share * turn, 0.0, 0.0, 0.0, 0.0])
+            target[:3, 3] = start[:3, 3] + share * np.array(move)
+            session.target = target
             session.advance(0.02)
         page._place_target()
         page._draw()
         page._write()
         page._server.flush()
         time.sleep(0.4)
-        picture = Image.open(BytesIO(chrome.get_screenshot_as_png())).convert("RGB").crop((250, 60, 1280, 660))
-        frames.append(picture.resize((687, 400)).quantize(64))
+        picture = Image.open(BytesIO(chrome.get_screenshot_as_png())).convert("RGB").crop((140, 20, 960, 540))
+        frames.append(picture.resize((631, 400)).quantize(64))
     chrome.quit()
     page._server.stop()
     frames[0].save(file, save_all=True, append_images=frames[1:], duration=round(1e3 / rate), loop=0, optimize=True)
