@@ -2,7 +2,7 @@
 
 Every figure is in examples/comparison: results.json with machine, versions and seed; needs.json of
 46_what_a_scene_needs.py; wipe.json and bullet.json of tests/benchmarks/equal_rate.py. To measure the first two again,
-in about twenty minutes on an idle machine (extra peers; invariantqp compare --setup), and write charts, page and
+in about ten minutes on an idle machine (extra peers; invariantqp compare --setup), and write charts, page and
 README's part:
 
     python examples/07_speed_and_accuracy.py --measure

@@ -23,7 +23,7 @@ from invariantqp.paths.curve import SLOW_SHARE, ParametrisedPath, parametrised_p
 from invariantqp.paths.joint_limits import JointLimits, speed_scale
 from invariantqp.paths.joint_path import MIN_STEP, PATH_TOLERANCE, JointPath
 from invariantqp.paths.plan import ON_TIME, PathPlan, plan_of
-from invariantqp.paths.reference import JOINT_TOLERANCE, RetimedMotion, TimeScaling
+from invariantqp.paths.reference import RetimedMotion, TimeScaling
 from invariantqp.paths.solution import FollowerSolution
 from invariantqp.paths.task_error import TaskError, task_error
 from invariantqp.paths.waypoints import POSE_TOLERANCE
@@ -38,7 +38,7 @@ STUCK_TIME, STUCK_SHARE = 1.0, 0.1
 # it is the shortest step.
 BLOCKED_TOLERANCE = 2.0 * PATH_TOLERANCE
 # A tool farther off its path than this share of the measure's length has been pushed.
-PUSHED_TOOL = JOINT_TOLERANCE
+PUSHED_TOOL = 0.02
 # The ruling of a tick where it is not a limit.
 OVERRIDE, OFF_PATH, PAUSE, TURN = "the override", "the arm is off its path", "a pause", "the turn"
 ON_THE_WAY, ON_THE_WAY_BACK = (

@@ -30,7 +30,7 @@ from invariantqp.paths.waypoints import STALL_TIME, WaypointIK, Waypoints, sampl
 FUNCTION_HORIZON, FUNCTION_STEP = 1.0, 0.02
 # With exact demands the law approaches points farther than this [rad, length] from the joints; so often [s] it is
 # checked whether the joints are there.
-FAR, RETRY = 0.1, FUNCTION_STEP
+FAR, RETRY = 0.1, 0.02
 
 
 class PendingPoints(NamedTuple):

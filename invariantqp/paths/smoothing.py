@@ -9,15 +9,14 @@ import numpy as np
 from invariantqp.engine import law
 from invariantqp.geometry.arrays import Array
 from invariantqp.paths.joint_limits import JointLimits
-from invariantqp.paths.joint_tracker import SPLICE
 from invariantqp.paths.reference import Motion
 
 # Points that are planned at once: under a millisecond. The spacing of a plan's knots as a share of its smoothing time
 # (the cost is 1 % above that of all motions), and how many there are at most.
 MAX_POINTS, KNOT_SPACING, MAX_PIECES = 96, 0.5, 400
 # After the last point velocity and acceleration fade in this time [s], sampled at so many places as far apart: with 0.4
-# and 0.5 s in place of the splice that this takes, 3 of 20 runs of chunks had 1.1 times the error and more.
-FADE_TIME, FADE_POINTS = SPLICE / 4.0, 8
+# and 0.5 s in place of the 0.3 s that this takes, 3 of 20 runs of chunks had 1.1 times the error and more.
+FADE_TIME, FADE_POINTS = 0.075, 8
 # A hand is followed this long after its samples come, times one over the cutoff: 67 ms at 3 Hz.
 DELAY_CYCLES = 0.2
 # The smoothing time of a plan along noise, as a share of the delay: more exceeds the samples that are ahead.

@@ -125,8 +125,7 @@ class Session:
 
     def __init__(self, robot: Chain, source: str, against: Sequence[Method] = ()) -> None:
         self.robot, self.source, self.against = robot, source, tuple(against)
-        q = well_conditioned_start(robot)
-        self.start: Array = np.asarray(q)
+        self.start = well_conditioned_start(robot)
         self.target: Array = robot.pose(self.start)
         points = np.vstack((np.zeros(3), robot.origins(self.start), self.target[:3, 3]))
         self.reach = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
@@ -136,7 +135,9 @@ class Session:
         self.refused = ""
         self.ticks, self._owed = 0, 0.0
         self.recorder: Recorder | None = None
-        self.arms = [Arm(name, self.start, np.zeros(len(q))) for name in ("invariantqp", *(m.name for m in against))]
+        self.arms = [
+            Arm(name, self.start, np.zeros(len(self.start))) for name in ("invariantqp", *(m.name for m in against))
+        ]
         self._before, self._sample = self.target, self.target
         self._build(self.settings)
 
@@ -168,9 +169,7 @@ class Session:
             hand = {moved.tool: [Sphere(point, HAND, name="hand")]}
             table = HalfSpace([0.0, 0.0, self.table_height], [0.0, 0.0, 1.0], name="table")
             limits.append(Clearance(moved, hand, [table], distance=0.01))
-        form: dict[str, Any] = {}
-        if settings.form != FORMS[0]:
-            form = {"form": settings.pitch, "damping": DAMPING if settings.form == FORMS[2] else None}
+        form = form_of(settings)
         controller = Controller(
             moved,
             dt=DT,
@@ -197,7 +196,7 @@ class Session:
     def reset(self) -> None:
         """Bring all arms and the target back to the start."""
         for arm in self.arms:
-            arm.q, arm.velocity = self.start, np.zeros(len(self.start))
+            arm.q = self.start
             arm.history.clear()
         self.target = self._before = self._sample = self.robot.pose(self.start)
         self._build(self.settings)
@@ -244,13 +243,13 @@ class Session:
         self.recorder = Recorder(self.robot, self.source, DT, self.ours.q, law_of(self.settings))
 
 
+def form_of(settings: Settings) -> dict[str, Any]:
+    """The arguments of a controller, or the keys of a [law] table, that choose the form; none for least squares."""
+    pitch = {} if settings.form == FORMS[0] else {"form": settings.pitch}
+    return pitch | ({"damping": DAMPING} if settings.form == FORMS[2] else {})
+
+
 def law_of(settings: Settings) -> dict[str, Any]:
     """The [law] table of a task file for some settings."""
-    law: dict[str, Any] = {"dt": DT, "acceleration_limit": ACCELERATION}
-    if settings.form != FORMS[0]:
-        law["form"] = settings.pitch
-    if settings.form == FORMS[2]:
-        law["damping"] = DAMPING
-    if settings.exact:
-        law["exact"] = "position"
-    return law
+    exact = {"exact": "position"} if settings.exact else {}
+    return {"dt": DT, "acceleration_limit": ACCELERATION, **form_of(settings), **exact}
