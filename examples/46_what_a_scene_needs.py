@@ -20,6 +20,7 @@ from shared.cells import DELAY, Cell, table
 from shared.cells import DT as CELL_DT
 
 import invariantqp as iq
+from invariantqp.errors import written
 
 DT = 0.002  # [s]
 STARTS = {
@@ -292,7 +293,7 @@ def programs():
 def rows():
     """Both tables, as text."""
     options = [
-        (title, option, unit, *(f"{x if x > 1e-9 else 0:.3g}" for x in figures), *(f"{t:.3g}" for t in us))
+        (title, option, unit, *(written(x, 3) for x in figures), *(written(t, 3) for t in us))
         for title, option, unit, figures, us in scenes()
     ]
     loads = [(name, rooms, modules, f"{seconds:.2f}") for name, rooms, modules, seconds in programs()]
